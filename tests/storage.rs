@@ -113,7 +113,9 @@ fn a_limit_of_memory_chooses_the_storage_of_the_splats() {
     );
     let (_, needed) = error.split_once("(storage=b24) needs ").expect("the smallest storage");
     let needed: u64 =
-        needed.split_once(" bytes").and_then(|(bytes, _)| bytes.parse().ok()).expect("a number");
+        needed.split_once(" bytes\n").and_then(|(bytes, _)| bytes.parse().ok()).expect("a number");
+    let (_, error) = place.code(&format!("{render} -o a.png --memory {}", needed - 4096));
+    assert!(error.contains(" splats would fit\n  `splatgraph convert scene.ply fewer.ply --where"), "{error}");
 
     for (memory, setting, chosen) in [
         (needed.to_string(), "--set storage=b24", "storage=b24"),

@@ -140,7 +140,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         });
         options::write_json(path, &all)?;
     } else {
-        let fits: String = fits.iter().map(|fit| format!("\n{fit}{}", fit.advice(&args.scene))).collect();
+        let fits: String =
+            fits.iter().map(|fit| format!("\n{fit}{}", fit.advice(&args.scene, &args.load))).collect();
         let chosen = chosen.map_or_else(String::new, |choice| format!("{choice}\n"));
         options::write_text(None, &format!("\n{chosen}{}{fits}", memory(&dump, size)))?;
     }

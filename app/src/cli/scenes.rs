@@ -3,11 +3,14 @@
 use super::look_at::point;
 use super::options;
 use super::outcome::Usage;
-use crate::draw::fit;
+use crate::draw::facts::{self, SceneFacts};
+use crate::draw::fit::{self, Target, Wanted};
+use crate::draw::session::Session;
+use crate::draw::storage::StorageError;
 use crate::io::load::LoadOptions;
 use crate::io::output::OutputGuard;
-use anyhow::Result;
-use splatgraph_api::DeviceInfo;
+use anyhow::{Error, Result};
+use splatgraph_api::{Device, DeviceInfo};
 use splatgraph_assets::{Camera, Content, Scene, SceneHeader, Similarity};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -59,6 +62,22 @@ impl ScenesArgs {
     pub fn check_header(&self, device: &DeviceInfo, pipeline: &str, set: &[(String, String)]) -> Result<()> {
         let load = self.options_of(self.scene.as_deref());
         self.scene.iter().try_for_each(|path| fit::check_header(path, &load, device, pipeline, set))
+    }
+
+    /// Adds how many splats would fit to an error about memory, if there is one scene. `session` draws it at this size.
+    pub fn too_large(
+        &self,
+        error: StorageError,
+        limit: Option<u64>,
+        session: &mut Session,
+        size: (u32, u32),
+    ) -> Error {
+        let Some(path) = self.scene.as_deref().filter(|_| self.more.is_empty()) else { return error.into() };
+        let device = session.device();
+        let target = Target { heap: device.heap(), ..Target::of(device.info()) }.limited(limit);
+        let (graph, set) = session.graph();
+        let (scene, catalog) = (SceneFacts::of(session.scene()), &facts::catalog(session.scene()));
+        error.with_fit(&Wanted { graph, set, scene, catalog, size }, &target, path, &self.load)
     }
 
     /// Loads the scenes, moves all but the first, and joins them. Also returns the demo scene's camera; `None` if a

@@ -284,11 +284,13 @@ fn storage(args: &Args, scene: &Scene, path: &Path) -> Result<Option<(String, St
     let facts = facts::facts(&scene, &device.info().facts, size);
     let mut planner = Planner::default();
     let found = Choice::within(limit, &device.heap(), set, |set| planner.plan(graph, set, &facts, catalog));
+    let target = Target { heap: device.heap(), ..Target::of(device.info()) }.limited(limit);
+    let wanted = Wanted { graph, set, scene, catalog, size };
     if matches!(found, Ok(None) | Err(StorageError::Plan(_))) {
-        let target = Target { heap: device.heap(), ..Target::of(device.info()) }.limited(limit);
-        fit::check(&Wanted { graph, set, scene, catalog, size }, &target, path)?;
+        fit::check(&wanted, &target, path, &args.load)?;
     }
-    let choice = found?.map(|(choice, _)| choice);
+    let found = found.map_err(|error| error.with_fit(&wanted, &target, path, &args.load))?;
+    let choice = found.map(|(choice, _)| choice);
     choice.iter().filter(|choice| limit.is_some() || choice.set.is_some()).for_each(say);
     Ok(choice.and_then(|choice| choice.set))
 }

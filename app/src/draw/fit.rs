@@ -261,17 +261,17 @@ pub fn check_header(
         ..facts::SceneFacts::NOMINAL
     };
     let wanted = Wanted { graph, set, scene, catalog: &catalog, size: facts::DEFAULT_SIZE };
-    check(&wanted, &target, path)
+    check(&wanted, &target, path, load)
 }
 
-/// Rejects a scene that does not fit the device. `path` is the scene's file.
+/// Rejects a scene that does not fit the device. `path` is the scene's file, which was loaded with `load`.
 ///
 /// # Errors
 /// The scene is too large. The graph's other errors are reported later, when it is built.
-pub fn check(wanted: &Wanted, device: &Target, path: &Path) -> anyhow::Result<()> {
+pub fn check(wanted: &Wanted, device: &Target, path: &Path, load: &LoadOptions) -> anyhow::Result<()> {
     match fit(&mut Planner::default(), wanted, device, None) {
         Ok((_, fit)) if !fit.fits => {
-            let text = format!("{fit}{}", fit.advice(path));
+            let text = format!("{fit}{}", fit.advice(path, load));
             anyhow::bail!("{}: {}", path.display(), text.trim_end())
         }
         _ => Ok(()),
@@ -301,14 +301,21 @@ fn loading(bytes: u64) -> String {
 }
 
 impl Fit {
-    /// Returns a line with a command that makes the scene at `path` small enough; empty if no number of splats is known
-    /// to fit.
-    pub fn advice(&self, path: &Path) -> String {
+    /// Returns a line with the level of the scene at `path` that is small enough, or with a command that makes it small
+    /// enough; empty if no number of splats is known to fit. The scene was loaded with `load`.
+    pub fn advice(&self, path: &Path, load: &LoadOptions) -> String {
         let Some(most) = self.most_splats else { return String::new() };
+        let coarser = load.level.unwrap_or(0).saturating_add(1)..;
+        let count =
+            |level| Some((level, LoadOptions { level: Some(level), ..*load }.header(path).ok()?.count));
+        if let Some((level, count)) = coarser.map_while(count).find(|(_, count)| *count <= most) {
+            return format!("  `--level {level}` has {}\n", grouped(count));
+        }
+        let level = load.level.map_or_else(String::new, |level| format!(" --level {level}"));
         let (condition, kept) = evenly(self.splats, most);
         let path = shell_word(&path.to_string_lossy());
         format!(
-            "  `splatgraph convert {path} fewer.ply --where '{condition}'` keeps {}, evenly\n",
+            "  `splatgraph convert{level} {path} fewer.ply --where '{condition}'` keeps {}, evenly\n",
             grouped(kept)
         )
     }
@@ -379,9 +386,11 @@ mod tests {
         let text = fit.to_string();
         assert!(text.contains("`splats`: expected at most 128.0 MiB, found 152.6 MiB"), "{text}");
         assert!(text.contains("splats would fit\n"), "{text}");
-        let advice = fit.advice(Path::new("my city.ply"));
+        let advice =
+            |level| fit.advice(Path::new("my city.ply"), &LoadOptions { level, ..LoadOptions::default() });
         let expected = "  `splatgraph convert 'my city.ply' fewer.ply --where 'index % 6 < 5'` keeps 4,166,667, evenly\n";
-        assert_eq!(advice, expected);
+        assert_eq!(advice(None), expected);
+        assert_eq!(advice(Some(1)), expected.replace("convert", "convert --level 1"));
         let (_, fit) = fit_of("splat", most, &Target::nominal());
         assert!(fit.fits && fit.to_string().contains("splats fit, with"), "{fit}");
     }

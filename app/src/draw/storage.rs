@@ -5,14 +5,16 @@
 //! plan cannot be built are skipped. If the user sets one of these parameters, `covariance` or `position_storage`,
 //! there is nothing to choose.
 
-use crate::draw::fit;
+use crate::draw::fit::{self, Target, Wanted};
 use crate::draw::planner::GraphErrors;
+use crate::io::load::LoadOptions;
 use serde_json::{Value as Json, json};
 use splatgraph_api::Heap;
 use splatgraph_assets::grouped;
 use splatgraph_assets::memory::display;
 use splatgraph_framework::plan::Plan;
 use std::fmt;
+use std::path::Path;
 
 /// Rung of the ladder: a value of a storage parameter.
 struct Rung {
@@ -55,7 +57,7 @@ pub enum StorageError {
     Plan(#[from] GraphErrors),
     /// Even the smallest storage exceeds the available memory.
     #[error(
-        "expected a plan of at most {memory} bytes, found that the smallest storage ({}) needs {needed} bytes: fewer splats or a smaller picture may fit",
+        "expected a plan of at most {memory} bytes, found that the smallest storage ({}) needs {needed} bytes",
         name(.set)
     )]
     TooLarge {
@@ -66,6 +68,25 @@ pub enum StorageError {
         /// Resident bytes with that setting.
         needed: u64,
     },
+}
+
+impl StorageError {
+    /// Adds how many splats of the scene at `path` would fit, with the smallest storage, to an error about memory. `device`
+    /// and `wanted` are those of the choice, and the scene was loaded with `load`.
+    pub fn with_fit(
+        self,
+        wanted: &Wanted,
+        device: &Target,
+        path: &Path,
+        load: &LoadOptions,
+    ) -> anyhow::Error {
+        let StorageError::TooLarge { set, .. } = &self else { return self.into() };
+        let set: Vec<_> = wanted.set.iter().cloned().chain(set.clone()).collect();
+        match fit::check(&Wanted { set: &set, ..*wanted }, device, path, load) {
+            Err(error) => error.context(self),
+            Ok(()) => self.into(),
+        }
+    }
 }
 
 impl Choice {

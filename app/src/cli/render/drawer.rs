@@ -133,7 +133,9 @@ impl Drawer {
         let sizes = loaded.cameras.iter().map(|camera| (camera.width, camera.height));
         let largest = sizes.max_by_key(|(width, height)| u64::from(*width) * u64::from(*height));
         let limit = args.memory.memory;
-        let choice = session.choose_storage(limit, largest.unwrap_or(DEFAULT_SIZE))?;
+        let size = largest.unwrap_or(DEFAULT_SIZE);
+        let choice = session.choose_storage(limit, size);
+        let choice = choice.map_err(|error| args.scenes.too_large(error, limit, &mut session, size))?;
         choice.iter().filter(|choice| limit.is_some() || choice.set.is_some()).for_each(say);
         let files: Vec<(String, PathBuf)> =
             args.named().map(|(name, file)| (name.to_owned(), file.to_owned())).collect();
