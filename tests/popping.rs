@@ -2,7 +2,7 @@
 
 use crate::place::Place;
 use serde_json::Value;
-use splatgraph_assets::{Camera, synth};
+use splatgraph_assets::{Camera, Projection, synth};
 
 fn popping(place: &Place, more: &str) -> Value {
     place.done(&format!("popping scene.ply --device llvmpipe --validate --json=popping.json {more}"));
@@ -99,11 +99,15 @@ fn mistakes_on_a_path_are_told_before_anything_is_drawn() {
     let mut cameras = Camera::load(place.at("cameras.json")).expect("cameras");
     cameras[1] = cameras[1].resized(32, 24);
     Camera::save(&cameras, place.at("sizes.json")).expect("written");
+    cameras.iter_mut().for_each(|camera| camera.projection = Projection::Fisheye);
+    Camera::save(&cameras, place.at("fisheyes.json")).expect("written");
+    place.write("broken.ron", "Graph(");
     place.refuses(
         "popping scene.ply",
         &[
             ("-c sizes.json", 1, "expected pictures of the same size along the path"),
             ("-p splatt", 1, "splatt"),
+            ("-c fisheyes.json -p broken.ron -p fisheye", 1, "broken.ron:1:"),
             (
                 "-p splat -p fisheye",
                 2,

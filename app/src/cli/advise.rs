@@ -88,7 +88,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let Drawing { pipeline, set, size, .. } = &args.drawing;
     // The exact renderer draws each camera in its own projection.
-    cameras = projection::convert_all(&cameras, projection::of_graph(pipeline, set), &scene, *size)?;
+    let graph = projection::of_graph_for(pipeline, set, &cameras);
+    cameras = projection::convert_all(&cameras, graph, &scene, *size)?;
     let found = describe(&scene, &cameras, args.errors);
     let name = options::scene_name(args.scene.as_deref());
     let tell = |text: &str| options::print_beside(args.json.as_deref(), text);

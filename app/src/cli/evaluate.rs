@@ -208,9 +208,11 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         return Err(Usage(text).into());
     };
     if let Renderer::Device(_) = args.backend {
-        // A photograph is no picture of another projection, so pinholes are not converted.
+        // A photograph is no picture of another projection, so pinholes are not converted. A graph's errors are reported
+        // when it is built.
         let graph = projection::of_graph(&args.pipeline, &args.set);
-        if let Some(view) = chosen.iter().find(|view| view.camera.projection != graph) {
+        let other = |graph| chosen.iter().find(|view| view.camera.projection != graph).zip(Some(graph));
+        if let Some((view, graph)) = graph.and_then(other) {
             let error = ProjectionError { graph, camera: view.camera.projection };
             bail!("{}: {error}", one_line(&view.photograph));
         }

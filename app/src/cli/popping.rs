@@ -97,9 +97,9 @@ fn degrees(text: &str) -> Result<f64, String> {
 pub fn run(args: &Args) -> Result<Outcome> {
     let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref(), false)?;
     let mut guard = guard(args)?;
-    let own = given.as_deref().map_or(Ok(Projection::Pinhole), projection::shared).unwrap_or_default();
+    let own = projection::of_cameras(given.as_deref().unwrap_or_default());
     let variants = variants(args, own);
-    let graph = shared_projection(&variants)?;
+    let graph = shared_projection(&variants)?.unwrap_or(own);
     let scene = (args.scene.as_deref(), &args.load);
     let mut subject = subject::load(args.device.open()?, scene, &variants, given, MAX_NAME_BYTES, args.size)?;
     let path = path(args, &subject.scene, subject.cameras)?;
@@ -155,14 +155,14 @@ fn variants(args: &Args, cameras: Projection) -> Vec<Setting> {
     kept
 }
 
-/// Returns the projection that all variants draw.
+/// Returns the projection that all variants draw. `None` if all graphs have errors, which are reported later.
 ///
 /// # Errors
 /// Two variants have different projections: their pictures cannot be compared.
-fn shared_projection(variants: &[Setting]) -> Result<Projection, Usage> {
+fn shared_projection(variants: &[Setting]) -> Result<Option<Projection>, Usage> {
     let mut first: Option<(&str, Projection)> = None;
     for variant in variants {
-        let found = projection::of_graph(&variant.pipeline, &variant.set);
+        let Some(found) = projection::of_graph(&variant.pipeline, &variant.set) else { continue };
         let (name, wanted) = *first.get_or_insert((&variant.name, found));
         if found != wanted {
             return Err(Usage(format!(
@@ -171,7 +171,7 @@ fn shared_projection(variants: &[Setting]) -> Result<Projection, Usage> {
             )));
         }
     }
-    Ok(first.map_or(Projection::Pinhole, |(_, projection)| projection))
+    Ok(first.map(|(_, projection)| projection))
 }
 
 /// Returns the cameras of the path. A single camera becomes an orbit around the scene.

@@ -103,7 +103,7 @@ fn open(
     let stems = options::stems(args.scene.as_deref(), given.as_deref(), ROOM);
     let scene = (args.scene.as_deref(), &args.load);
     let mut subject = subject::load(args.device.open()?, scene, &settings, given, ROOM, *size)?;
-    let graph = projection::of_graph(pipeline, set);
+    let graph = projection::of_graph_for(pipeline, set, &subject.cameras);
     subject.cameras = projection::convert_all(&subject.cameras, graph, &subject.scene, *size)?;
     let truths = |folder: &PathBuf| -> Result<_> {
         tell_off_center(&subject.cameras);

@@ -51,14 +51,26 @@ pub fn of_controls(controls: &[Control]) -> Projection {
     of_params(controls.iter().map(|control| &control.param))
 }
 
-/// Returns the projection of a graph with the parameters in `set`, before a scene is loaded.
+/// Returns the projection of a graph with the parameters in `set`, before a scene is loaded. `None` for a graph with
+/// errors; building its plan reports them.
 ///
-/// `pipeline` is a preset's name or a path. Returns pinhole for a graph with errors; building its plan reports them.
-/// The device does not matter, because all graphs of a choice have the same projection.
-pub fn of_graph(pipeline: &str, set: &[(String, String)]) -> Projection {
+/// `pipeline` is a preset's name or a path. The device does not matter, because all graphs of a choice have the same
+/// projection.
+pub fn of_graph(pipeline: &str, set: &[(String, String)]) -> Option<Projection> {
     let facts = facts::nominal(facts::USUAL_SUBGROUP_SIZE);
     let controls = Planner::default().controls(pipeline, set, &facts, &facts::nominal_catalog());
-    controls.map_or(Projection::Pinhole, |controls| of_controls(&controls))
+    Some(of_controls(&controls.ok()?))
+}
+
+/// Returns the projection in which a graph draws cameras; see [`of_graph`]. For a graph with errors, it is
+/// [that of the cameras](of_cameras), so that the graph's errors are reported instead of its projection.
+pub fn of_graph_for(pipeline: &str, set: &[(String, String)], cameras: &[Camera]) -> Projection {
+    of_graph(pipeline, set).unwrap_or_else(|| of_cameras(cameras))
+}
+
+/// Returns the projection of a graph that suits cameras: that of the first one that is not a pinhole.
+pub fn of_cameras(cameras: &[Camera]) -> Projection {
+    cameras.iter().map(|camera| camera.projection).find(|own| !own.is_pinhole()).unwrap_or_default()
 }
 
 /// Returns the projection that all cameras have; pinhole without cameras.
@@ -157,16 +169,18 @@ mod tests {
     fn each_projection_is_the_preset_of_its_name() {
         let of = |name: &str, set: &[(&str, &str)]| of_graph(name, &testing::set(set));
         for projection in Projection::ALL.into_iter().filter(|projection| !projection.is_pinhole()) {
-            assert_eq!(of(projection.name(), &[]), projection);
-            assert_eq!(of("tiled", &[("projection", projection.name())]), projection);
+            assert_eq!(of(projection.name(), &[]), Some(projection));
+            assert_eq!(of("tiled", &[("projection", projection.name())]), Some(projection));
         }
-        assert_eq!(of("auto", &[]), Projection::Pinhole);
-        assert_eq!(of("splat", &[("projection", "fisheye")]), Projection::Fisheye);
-        assert_eq!(
-            of("splat", &[("projection", "equirectangular")]),
-            Projection::Pinhole,
-            "a plan reports the error"
-        );
+        assert_eq!(of("auto", &[]), Some(Projection::Pinhole));
+        assert_eq!(of("splat", &[("projection", "fisheye")]), Some(Projection::Fisheye));
+        let broken = [("projection", "equirectangular")];
+        assert_eq!(of("splat", &broken), None, "a plan reports the error");
+        let pinhole = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (40, 30));
+        let panorama = Camera { projection: Projection::Equirectangular, ..pinhole.clone() };
+        let drawn =
+            |set: &[_]| of_graph_for("splat", &testing::set(set), &[pinhole.clone(), panorama.clone()]);
+        assert_eq!([drawn(&broken), drawn(&[])], [panorama.projection, pinhole.projection]);
     }
 
     #[test]

@@ -81,7 +81,11 @@ impl Drawer {
         let graph = || match args.backend {
             // A preset named after a projection selects that projection.
             Renderer::Reference => pipeline.parse().unwrap_or_default(),
-            Renderer::Device(_) => projection::of_graph(pipeline, &args.drawing.set),
+            Renderer::Device(_) => projection::of_graph_for(
+                pipeline,
+                &args.drawing.set,
+                work.given.as_deref().unwrap_or_default(),
+            ),
         };
         let load = |cancel: &_| loaded.map_or_else(|| Loaded::load(args, work, graph(), cancel), Ok);
         let stems = work.stems.clone();

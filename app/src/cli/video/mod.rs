@@ -204,8 +204,9 @@ fn frames(args: &Args) -> Result<u32, Usage> {
 }
 
 impl Args {
-    fn projection(&self) -> Projection {
-        projection::of_graph(&self.drawing.pipeline, &self.drawing.set)
+    /// Returns the projection of the graph that draws a path through `keys`.
+    fn projection(&self, keys: &[Camera]) -> Projection {
+        projection::of_graph_for(&self.drawing.pipeline, &self.drawing.set, keys)
     }
 }
 
@@ -213,7 +214,7 @@ fn check_keys(args: &Args, keys: &[Camera]) -> Result<()> {
     if keys.len() < 2 {
         bail!(Usage(format!("expected two cameras or more for a path, found {}", keys.len())));
     }
-    let graph = args.projection();
+    let graph = args.projection(keys);
     keys.iter().try_for_each(|key| projection::check(key.projection, graph))?;
     Ok(())
 }
@@ -266,7 +267,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Ok(device)
     };
     let (device, (scene, own)) = options::open_and_load(open, |cancel| args.scenes.load(cancel))?;
-    let graph = args.projection();
+    let graph = args.projection(keys.as_deref().unwrap_or_default());
     let motion = motion(args, keys.as_deref(), &scene, own, graph)?;
     let film = Film { motion, frames, samples: args.samples, shutter: args.shutter.unwrap_or(SHUTTER) };
     if let Some(path) = &args.write_cameras {
