@@ -132,6 +132,11 @@ fn a_price_counts_what_is_left_out_and_frames_the_scene_at_the_size_of_the_pictu
     let framing = std::fs::read_to_string(place.at("framing.json")).expect("it is there");
     let framing: serde_json::Value = serde_json::from_str(&framing).expect("JSON");
     assert_eq!(whole["cameras"], framing);
+    place.done("convert alone.ply far.ply --transform move:100000,0,0");
+    let told = place.done("convert alone.ply --merge far.ply --price --size 12x40");
+    for format in ["sog", "compressed.ply"] {
+        assert!(told.contains(&format!("\n{format}: positions: steps of up to ")), "{told}");
+    }
 }
 
 #[test]

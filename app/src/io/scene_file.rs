@@ -159,7 +159,7 @@ pub fn skipped(scene: &Scene) -> Option<String> {
 }
 
 /// Describes the steps of positions if they are larger than the splats or, in SPZ, than usual, and what to do.
-fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
+pub fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
     if let Some(steps) = scene.large_steps(format) {
         return Some(format!("positions: {steps}; write the scene in parts (`--crop`), one file for each"));
     }

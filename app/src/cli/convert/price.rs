@@ -58,11 +58,12 @@ impl PriceArgs {
         };
         let cameras: Vec<_> = cameras.into_iter().map(sized).collect();
         let (splats, of) = (scene.count(), original.count());
-        let note = |format: SceneFormat| {
-            let empty = scene_file::empty_bands(&scene, format)?;
-            Some(format!("{}: {empty}\n", format.extension()))
+        let notes = |format: SceneFormat| {
+            let coarse = scene_file::coarse_positions(&scene, format);
+            let notes = coarse.into_iter().chain(scene_file::empty_bands(&scene, format));
+            notes.map(move |note| format!("{}: {note}\n", format.extension())).collect::<String>()
         };
-        let notes: String = SceneFormat::WRITTEN.into_iter().filter_map(note).collect();
+        let notes: String = SceneFormat::WRITTEN.into_iter().map(notes).collect();
         let prices = price::measure(scene, truth, &cameras)?;
         match &self.json {
             Some(file) => {
