@@ -1,6 +1,7 @@
 //! Runs `splatgraph advise`: reports what a scene needs, and finds the fastest setting within a budget.
 
 use super::console::Console;
+use super::loading;
 use super::options::{self, BackendArgs, DEFAULT_PIPELINE, Drawing, EffortArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::keys::{self, Mapping, Need, WIDTHS};
@@ -82,7 +83,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let is_one = given.as_ref().is_none_or(|cameras| cameras.len() == 1);
     let scene = args.scene.as_deref();
     let (scene, mut cameras) =
-        options::scene_and_cameras(scene, &args.load, given, MAX_NAME_BYTES, args.drawing.size)?;
+        loading::scene_and_cameras(scene, &args.load, given, MAX_NAME_BYTES, args.drawing.size)?;
     if sampled {
         cameras = keys::around(&scene, cameras.first().context("no cameras")?, AROUND);
     }
@@ -91,7 +92,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let graph = projection::of_graph_for(pipeline, set, &cameras);
     cameras = projection::convert_all(&cameras, graph, &scene, *size)?;
     let found = describe(&scene, &cameras, args.errors);
-    let name = options::scene_name(args.scene.as_deref());
+    let name = loading::scene_name(args.scene.as_deref());
     let tell = |text: &str| options::print_beside(args.json.as_deref(), text);
     let Description { report, keys, bands } = &found;
     tell(&format!("{name}: {report}{}{}", keys_text(keys, args.errors), bands_text(bands)))?;

@@ -2,6 +2,7 @@
 
 use super::cameras;
 use super::console::Console;
+use super::loading;
 use super::options::{self, BackendArgs, DEFAULT_PIPELINE, EffortArgs};
 use super::outcome::{self, Outcome, Usage, claim_graph_files};
 use crate::draw::backend::Backend;
@@ -216,8 +217,8 @@ fn measure_scene(
     (path, given): (Option<&Path>, Option<Vec<Camera>>),
     report: &mut Report,
 ) -> Result<()> {
-    let (scene, cameras) = options::scene_and_cameras(path, &args.load, given, MAX_NAME_BYTES, None)?;
-    let name = options::scene_name(path);
+    let (scene, cameras) = loading::scene_and_cameras(path, &args.load, given, MAX_NAME_BYTES, None)?;
+    let name = loading::scene_name(path);
     let candidates: Vec<_> =
         args.pipelines.iter().map(|pipeline| Setting::of_graph(pipeline, &args.set)).collect();
     let subject = Subject { device: device.new_context()?, name, scene: scene.into(), cameras };

@@ -2,6 +2,7 @@
 
 use super::cameras;
 use super::job::{self, Manifest, ShardArgs};
+use super::loading;
 use super::options::{self, DeviceArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files, validated};
 use super::render::{Renderer, refuse_graph_options, renderer};
@@ -281,18 +282,18 @@ impl Drawer {
     /// Opens the device and loads the scene at the same time. A given scene is not loaded again.
     fn open(args: &Args, work: &mut Work, scene: Option<Arc<Scene>>) -> Result<Drawer> {
         let load = |cancel: &_| {
-            let load = || options::load_scene_unless(cancel, &args.scene, &args.load).map(Arc::new);
+            let load = || loading::load_scene_unless(cancel, &args.scene, &args.load).map(Arc::new);
             scene.map_or_else(load, Ok)
         };
         let Renderer::Device(api) = args.backend else {
-            return Ok(Drawer::Reference(load(&options::NEVER)?));
+            return Ok(Drawer::Reference(load(&loading::NEVER)?));
         };
         let open = || {
             let device = Backend::open(api, &args.device.options())?;
             fit::check_header(&args.scene, &args.load, device.info(), &args.pipeline, &args.set)?;
             Ok(device)
         };
-        let (device, scene) = options::open_and_load(open, load)?;
+        let (device, scene) = loading::open_and_load(open, load)?;
         let mut session = Session::new(device, scene, &args.pipeline, &args.set);
         if let Some(camera) = work.views.iter().find_map(|view| view.drawn(work.downscale).ok()) {
             session.prepare((camera.width, camera.height), &mut |_| {})?;

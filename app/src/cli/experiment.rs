@@ -2,6 +2,7 @@
 
 use super::cameras;
 use super::console::Console;
+use super::loading;
 use super::options::{self, BackendArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use super::subject;
@@ -97,7 +98,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut subject =
         subject::load(common.device.open()?, scene, &settings, given, MAX_NAME_BYTES, common.size)?;
     if common.size.is_none() {
-        subject.cameras.iter_mut().for_each(|camera| *camera = options::at_most(camera, WIDTH));
+        subject.cameras.iter_mut().for_each(|camera| *camera = loading::at_most(camera, WIDTH));
     }
     subject.cameras.iter().try_for_each(cameras::check_size)?;
     claim_graph_files(&mut guard, &subject.check(&settings)?)?;

@@ -2,6 +2,7 @@
 
 use super::advise::{bands_text, keys_text};
 use super::cameras;
+use super::loading;
 use super::options::{self, Drawing, MemoryArgs};
 use super::outcome::{Outcome, Usage};
 use crate::draw::facts::{self, SceneFacts};
@@ -54,14 +55,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut guard = options::claim_inputs(Some(&args.scene), args.drawing.cameras.as_deref())?;
     guard.input("the graph", Path::new(&args.drawing.pipeline)).map_err(Usage::from)?;
     args.json.iter().try_for_each(|path| guard.output("--json", path)).map_err(Usage::from)?;
-    let scene = options::load_scene(&args.scene, &args.load)?;
+    let scene = loading::load_scene(&args.scene, &args.load)?;
     let given =
         cameras::load(args.drawing.cameras.as_deref(), Some(&args.scene), args.drawing.ignore_distortion)?;
     // The picture has the size of the first camera.
     let first = given.iter().flatten().next().filter(|_| args.drawing.size.is_none());
     first.map_or(Ok(()), cameras::check_size)?;
-    let in_scene = given.map(|cameras| options::in_scene(&cameras, &scene));
-    let cameras = in_scene.unwrap_or_else(|| vec![options::framing(&scene)]);
+    let in_scene = given.map(|cameras| loading::in_scene(&cameras, &scene));
+    let cameras = in_scene.unwrap_or_else(|| vec![loading::framing(&scene)]);
     let Description { report, keys: needs, bands } = describe(&scene, &cameras, 0);
 
     let own_size = cameras.first().map_or(facts::DEFAULT_SIZE, |c| (c.width, c.height));

@@ -23,6 +23,7 @@ mod help;
 mod info;
 mod job;
 mod known_devices;
+mod loading;
 mod look_at;
 mod lsp;
 mod man;

@@ -1,5 +1,6 @@
 //! Runs `splatgraph params`: lists the parameters of a graph.
 
+use super::loading;
 use super::options;
 use super::outcome::Outcome;
 use crate::draw::facts;
@@ -56,7 +57,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let files = [Some(Path::new(&args.graph)), args.scene.as_deref(), args.device.as_deref().map(Path::new)];
     options::claim_json(args.json.as_deref(), files.into_iter().flatten().map(|file| ("an input", file)))?;
     let Target { name: device_name, facts: device, .. } = device(args.device.as_deref())?;
-    let (scene, catalog) = options::scene_facts(args.scene.as_deref(), &args.load)?;
+    let (scene, catalog) = loading::scene_facts(args.scene.as_deref(), &args.load)?;
     let facts = facts::facts(&scene, &device, facts::DEFAULT_SIZE);
     let mut planner = Planner::default();
     let standing = planner.ask((&args.graph, &[]), &facts, &catalog, lower::standing)?;

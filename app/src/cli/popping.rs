@@ -2,6 +2,7 @@
 
 use super::cameras;
 use super::console::Console;
+use super::loading;
 use super::options::{self, BackendArgs, DEFAULT_PIPELINE};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use super::subject;
@@ -177,7 +178,7 @@ fn shared_projection(variants: &[Setting]) -> Result<Option<Projection>, Usage> 
 /// Returns the cameras of the path. A single camera becomes an orbit around the scene.
 fn path(args: &Args, scene: &Scene, mut cameras: Vec<Camera>) -> Result<Vec<Camera>> {
     if args.size.is_none() {
-        cameras = cameras.iter().map(|camera| options::at_most(camera, WIDTH)).collect();
+        cameras = cameras.iter().map(|camera| loading::at_most(camera, WIDTH)).collect();
     }
     cameras.iter().try_for_each(cameras::check_size)?;
     if let [camera] = cameras.as_slice() {

@@ -1,5 +1,6 @@
 //! Loads the scenes of a picture or a film: one, or several that are sorted together.
 
+use super::loading;
 use super::look_at::point;
 use super::options;
 use super::outcome::Usage;
@@ -87,7 +88,7 @@ impl ScenesArgs {
     /// A scene cannot be loaded, the joined scene does not fit in memory, or `cancel` became true.
     pub fn load(&self, cancel: &AtomicBool) -> Result<(Scene, Option<Camera>)> {
         let scene = self.scene.as_deref();
-        let (first, _, camera) = options::scene_or_demo(cancel, scene, &self.options_of(scene))?;
+        let (first, _, camera) = loading::scene_or_demo(cancel, scene, &self.options_of(scene))?;
         if self.more.is_empty() {
             return Ok((first, camera));
         }
@@ -95,7 +96,7 @@ impl ScenesArgs {
         for (index, path) in self.more.iter().enumerate() {
             let at = self.at.get(index).map(|at| (*at).into());
             let by = at.map(|translation| Similarity { translation, ..Similarity::IDENTITY });
-            match (options::load_any_unless(cancel, path, &self.options_of(Some(path)))?, by) {
+            match (loading::load_any_unless(cancel, path, &self.options_of(Some(path)))?, by) {
                 (Content::Splats(scene), Some(by)) => all.push(scene.transformed(&by)?),
                 (Content::Splats(scene), None) => all.push(*scene),
                 (Content::Mesh(mesh), by) => meshes.push((mesh, by.unwrap_or(Similarity::IDENTITY))),
@@ -106,7 +107,7 @@ impl ScenesArgs {
             last => {
                 all.extend(last);
                 let joined = Scene::joined(&all)?;
-                options::tell_mixed_tags("all scenes", &joined);
+                loading::tell_mixed_tags("all scenes", &joined);
                 joined
             }
         };

@@ -1,6 +1,6 @@
 //! Loads the subject of a study.
 
-use super::options;
+use super::loading;
 use crate::draw::backend::Backend;
 use crate::draw::fit;
 use crate::io::load::LoadOptions;
@@ -10,7 +10,7 @@ use splatgraph_api::Device;
 use splatgraph_assets::Camera;
 use std::path::Path;
 
-/// Loads the scene at `path`, or the demo scene, and its cameras; see [`options::scene_and_cameras`].
+/// Loads the scene at `path`, or the demo scene, and its cameras; see [`loading::scene_and_cameras`].
 ///
 /// # Errors
 /// The scene cannot be loaded, or its header shows that it is too large to draw it with one of the settings.
@@ -27,6 +27,6 @@ pub fn load(
             fit::check_header(path, load, device.info(), &setting.pipeline, &setting.set)?;
         }
     }
-    let (scene, cameras) = options::scene_and_cameras(path, load, given, room, size)?;
-    Ok(Subject { device, name: options::scene_name(path), scene: scene.into(), cameras })
+    let (scene, cameras) = loading::scene_and_cameras(path, load, given, room, size)?;
+    Ok(Subject { device, name: loading::scene_name(path), scene: scene.into(), cameras })
 }

@@ -2,6 +2,7 @@
 
 use super::console::Console;
 use super::job::{self, Origin, Outputs, ShardArgs, Work};
+use super::loading;
 use super::options::{self, BackendArgs, Drawing, EffortArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use super::subject;
@@ -141,7 +142,7 @@ impl Views {
     /// Checks the arguments and reads the cameras. The scene is loaded later.
     pub fn new(args: Args) -> Result<Views> {
         let given = args.drawing.cameras(args.scene.as_deref())?;
-        let stems = options::stems(args.scene.as_deref(), given.as_deref(), ROOM);
+        let stems = loading::stems(args.scene.as_deref(), given.as_deref(), ROOM);
         let guard = guard(&args)?;
         Ok(Views { args, guard, given, stems, open: None })
     }

@@ -1,5 +1,6 @@
 //! Runs `splatgraph synth`: generates scenes.
 
+use super::loading;
 use super::outcome::{self, Outcome, Usage, refuse_without};
 use super::stdout::Stdout;
 use super::{look_at, options};
@@ -176,7 +177,7 @@ fn photographs(args: &Args, folder: &Path) -> Vec<PathBuf> {
 
 /// Draws a scene exactly from a circle of cameras, and writes a COLMAP dataset of the pictures and cameras.
 fn photograph(args: &Args, scene: &Path, folder: &Path) -> Result<Outcome> {
-    let scene = options::load_scene(scene, &args.load)?;
+    let scene = loading::load_scene(scene, &args.load)?;
     let (width, height) = args.size.unwrap_or((480, 270));
     let paths = photographs(args, folder);
     let framing = Camera::framing(&scene, width, height);
@@ -217,7 +218,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let (scene, views) = match (&args.name, &args.enlarge, args.count) {
         (None, Some(path), Some(count)) => {
-            (synth::enlarge(&options::load_scene(path, &args.load)?, count)?, None)
+            (synth::enlarge(&loading::load_scene(path, &args.load)?, count)?, None)
         }
         (Some(name), ..) => {
             let generator = synth::generators().iter().find(|g| g.name == *name);

@@ -3,6 +3,7 @@
 use super::cameras::tell_off_center;
 use super::console::Console;
 use super::job::{self, Origin, Outputs, ShardArgs, Work};
+use super::loading;
 use super::options::{self, BackendArgs, DeviceArgs, Drawing, EffortArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use super::subject;
@@ -100,7 +101,7 @@ fn open(
 ) -> Result<(Subject, Wanted)> {
     let Drawing { pipeline, set, size, .. } = &args.drawing;
     let settings = [Setting::of_graph(pipeline, set)];
-    let stems = options::stems(args.scene.as_deref(), given.as_deref(), ROOM);
+    let stems = loading::stems(args.scene.as_deref(), given.as_deref(), ROOM);
     let scene = (args.scene.as_deref(), &args.load);
     let mut subject = subject::load(args.device.open()?, scene, &settings, given, ROOM, *size)?;
     let graph = projection::of_graph_for(pipeline, set, &subject.cameras);
@@ -169,7 +170,7 @@ impl Views {
     /// Checks the arguments and reads the cameras. The scene is loaded later.
     pub fn new(args: Args) -> Result<Views> {
         let given = args.drawing.cameras(args.scene.as_deref())?;
-        let stems = options::stems(args.scene.as_deref(), given.as_deref(), ROOM);
+        let stems = loading::stems(args.scene.as_deref(), given.as_deref(), ROOM);
         let guard = guard(&args)?;
         Ok(Views { args, guard, given, stems, open: None })
     }

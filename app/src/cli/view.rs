@@ -1,6 +1,7 @@
 //! Runs `splatgraph view`: opens a window on a scene.
 
 use super::cameras;
+use super::loading;
 use super::options::{self, BackendArgs, Drawing, MemoryArgs};
 use super::outcome::{Outcome, Usage};
 use crate::draw::camera;
@@ -296,10 +297,10 @@ fn storage(args: &Args, scene: &Scene, path: &Path) -> Result<Option<(String, St
 }
 
 fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene, PathBuf), Vec<Camera>)> {
-    let (scene, path, own) = options::scene_or_demo(&options::NEVER, args.scene.as_deref(), &args.load)?;
+    let (scene, path, own) = loading::scene_or_demo(&loading::NEVER, args.scene.as_deref(), &args.load)?;
     let beside = || camera::beside(&path).and_then(|file| cameras::load_beside(&file));
     let cameras = given.or(own.map(|own| vec![own])).or_else(beside).unwrap_or_default();
-    let cameras = options::in_scene(&cameras, &scene);
+    let cameras = loading::in_scene(&cameras, &scene);
     Ok(((scene, path), cameras))
 }
 

@@ -1,6 +1,6 @@
 //! Changes a scene before it is written: joins, moves, crops, selects and orders splats.
 
-use crate::cli::options;
+use crate::cli::loading;
 use crate::cli::outcome::Usage;
 use crate::draw::splat_set::SplatSet;
 use crate::io::load::LoadOptions;
@@ -189,7 +189,7 @@ impl EditArgs {
         }
         let mut all = vec![scene];
         for path in &self.merge {
-            all.push(options::load_scene(path, load)?);
+            all.push(loading::load_scene(path, load)?);
         }
         Ok((Scene::joined(&all)?, all.iter().map(bytes).sum()))
     }

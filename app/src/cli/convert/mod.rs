@@ -3,6 +3,7 @@
 mod edit;
 mod price;
 
+use super::loading;
 use super::options;
 use super::outcome::{Outcome, Usage};
 use super::stdout::Stdout;
@@ -99,7 +100,7 @@ pub(super) fn check_files(args: &Args) -> Result<Option<(&Path, SceneFormat)>, U
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let output = check_files(args)?;
-    let loaded = options::load_scene(&args.input, &args.load)?;
+    let loaded = loading::load_scene(&args.input, &args.load)?;
     let before = Original::of(&loaded);
     let (merged, original_bytes) = args.edit.merged(loaded, &args.load)?;
     // The error of --price includes that of the splats and bands that are left out.

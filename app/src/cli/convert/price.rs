@@ -1,7 +1,7 @@
 //! Measures and prints the price of each format (`convert --price`).
 
 use crate::cli::outcome::{Outcome, Usage, refuse_without};
-use crate::cli::{cameras, options};
+use crate::cli::{cameras, loading, options};
 use crate::io::output::OutputGuard;
 use crate::io::report::text;
 use crate::io::scene_file;
@@ -50,7 +50,7 @@ impl PriceArgs {
         let original = truth.as_ref().unwrap_or(&scene);
         let given = cameras::load_sized(self.cameras.as_deref(), Some(path), self.size, false)?;
         // Use world coordinates: a format may or may not keep the scene's origin.
-        let framing = || options::framing_at(original, self.size).in_world(original.offset());
+        let framing = || loading::framing_at(original, self.size).in_world(original.offset());
         let cameras = given.unwrap_or_else(|| vec![framing()]);
         let sized = |camera: splatgraph_assets::Camera| match self.size {
             Some((width, height)) => camera.resized(width, height),

@@ -1,5 +1,6 @@
 //! Runs `splatgraph dump`: writes the plan of a graph.
 
+use super::loading;
 use super::options;
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend;
@@ -146,7 +147,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut guard = guard(args)?;
     // Read the times first, because building the plan takes longer.
     let times = args.times.as_deref().map(times::load).transpose()?;
-    let (scene, catalog) = options::scene_facts(args.scene.as_deref(), &args.load)?;
+    let (scene, catalog) = loading::scene_facts(args.scene.as_deref(), &args.load)?;
     let (device, note) = match &args.device {
         Some(wanted) => (options::target(Some(wanted))?, ""),
         None => (Target::nominal(), "; --device names another"),

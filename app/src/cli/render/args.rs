@@ -4,6 +4,7 @@ use super::destination::{self, Destination, Output, per_camera, stem};
 use crate::cli::cameras;
 use crate::cli::help;
 use crate::cli::job::ShardArgs;
+use crate::cli::loading;
 use crate::cli::look_at::LookAtArgs;
 use crate::cli::options::{self, DeviceArgs, Drawing, MemoryArgs};
 use crate::cli::outcome::{self, Usage};
@@ -171,7 +172,7 @@ pub fn prepare(args: &Args) -> Result<Work> {
     let looking = args.look.names();
     let scene = args.scenes.scene.as_deref().filter(|_| looking.is_none());
     let given = args.drawing.cameras(scene)?;
-    let own = || options::camera_names(args.scenes.scene.as_deref(), given.as_deref());
+    let own = || loading::camera_names(args.scenes.scene.as_deref(), given.as_deref());
     let names = looking.unwrap_or_else(own);
     if let (Some(Destination::Picture(path, _)), [_, _, ..]) = (&destination, names.as_slice()) {
         let message = format!(

@@ -5,6 +5,7 @@ use super::batch::Batch;
 use super::destination::{Destination, PICTURE, per_camera};
 use super::frames::{self, Drawn};
 use crate::cli::cameras;
+use crate::cli::loading;
 use crate::cli::options;
 use crate::cli::outcome::{Usage, claim_graph_files};
 use crate::draw::backend::Backend;
@@ -42,7 +43,7 @@ impl Loaded {
         let (scene, own) = args.scenes.load(cancel)?;
         let given = work.given.clone().or(own.map(|own| vec![own]));
         let size = args.drawing.size;
-        let mut found = options::cameras_of(&scene, given, &work.stems, size);
+        let mut found = loading::cameras_of(&scene, given, &work.stems, size);
         if work.given.is_none() && graph == Projection::Equirectangular {
             found = found.iter().map(|camera| orbit::levelled(camera, scene.up())).collect();
         }
@@ -92,7 +93,7 @@ impl Drawer {
         let Renderer::Device(api) = args.backend else {
             // Report invalid rules before a large scene is loaded.
             truth::rules(Rules::PUBLISHED, &args.rule).map_err(|error| Usage(error.to_string()))?;
-            let loaded = load(&options::NEVER)?;
+            let loaded = load(&loading::NEVER)?;
             let lens = loaded.cameras.iter().find(|camera| !camera.projection.is_pinhole());
             if let Some(camera) = lens.filter(|_| loaded.scene.mesh().is_some()) {
                 let projection = camera.projection;
@@ -127,7 +128,7 @@ impl Drawer {
             })?;
             Ok(device)
         };
-        let (device, loaded) = options::open_and_load(open, load)?;
+        let (device, loaded) = loading::open_and_load(open, load)?;
         let mut session = Session::new(device, loaded.scene.clone(), pipeline, set);
         if !args.inspect.is_empty() {
             session.keep_contents();

@@ -3,6 +3,7 @@
 mod sequence;
 
 use super::cameras;
+use super::loading;
 use super::look_at::LookAtArgs;
 use super::options::{self, BackendArgs, Drawing};
 use super::outcome::{self, Outcome, Usage, claim_graph_files};
@@ -248,7 +249,7 @@ fn motion(
         }));
     };
     args.look.refuse_height("a path through cameras keeps their scale")?;
-    let mut keys: Vec<Camera> = options::in_scene(keys, scene).iter().map(sized).collect();
+    let mut keys: Vec<Camera> = loading::in_scene(keys, scene).iter().map(sized).collect();
     if projection::shared(&keys).is_err() {
         // A path has one projection.
         keys = keys.into_iter().map(|key| key.projected(graph, scene)).collect();
@@ -266,7 +267,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         args.scenes.check_header(device.info(), &args.drawing.pipeline, &args.drawing.set)?;
         Ok(device)
     };
-    let (device, (scene, own)) = options::open_and_load(open, |cancel| args.scenes.load(cancel))?;
+    let (device, (scene, own)) = loading::open_and_load(open, |cancel| args.scenes.load(cancel))?;
     let graph = args.projection(keys.as_deref().unwrap_or_default());
     let motion = motion(args, keys.as_deref(), &scene, own, graph)?;
     let film = Film { motion, frames, samples: args.samples, shutter: args.shutter.unwrap_or(SHUTTER) };
