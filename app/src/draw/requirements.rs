@@ -3,7 +3,7 @@
 //! `check` and the language server use them to check also the graphs of a choice that no given device draws.
 
 use crate::draw::facts::{self, SUBGROUP_SIZES, SceneFacts, set_device_fact};
-use crate::draw::planner::{GraphErrors, Planner};
+use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, Severity};
 use splatgraph_assets::{Filter, SortKey};
 use splatgraph_framework::expr::Expr;
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts, Unmet, Value};
@@ -122,6 +122,22 @@ impl Build {
         let set = if self.name.is_none() { set } else { &[] };
         planner.plan_candidate(graph, Some(self.index), set, &case.facts(), &case.catalog(catalog)).map(Some)
     }
+}
+
+/// Returns the unmet requirements of a graph for which no case was found, as errors at their places.
+pub fn refusal(
+    planner: &mut Planner,
+    (graph, build): (&str, &Build),
+    given: &Case,
+    catalog: &Catalog,
+) -> Option<GraphErrors> {
+    planner.plan_candidate(graph, Some(build.index), &[], &given.facts(), catalog).err()
+}
+
+/// Returns errors as warnings, as plain data.
+pub fn as_warnings(errors: GraphErrors) -> Vec<PlainDiagnostic> {
+    let warning = |error| PlainDiagnostic { severity: Severity::Warning, ..error };
+    errors.found.into_iter().map(warning).collect()
 }
 
 /// Changes facts until a case has no unmet requirements. `None` if no such facts are found.

@@ -6,7 +6,7 @@ use super::outcome::colour;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::{self, Fit, Target, Wanted};
 use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, without_effect};
-use crate::draw::requirements::{self, Case};
+use crate::draw::requirements::{self, Case, as_warnings};
 use crate::io::output::{say, say_styled};
 use crate::lsp;
 use anyhow::Result;
@@ -33,7 +33,8 @@ const EXAMPLES: &str = "Examples:
 /// Builds every graph with its shaders for a nominal scene and the least capable supported device, with subgroups of 4
 /// to 128 lanes. Errors are shown at their line and column. A graph's requirement that this device does not meet is
 /// reported, but is not an error: the graph is then checked with other facts of the device or the scene, with which its
-/// requirements are met. So are the graphs of a choice that are not drawn. An oracle replays the barriers of each plan,
+/// requirements are met. So are the graphs of a choice that are not drawn. If no such facts are found, this is an error,
+/// or a warning for one of several graphs of a choice. An oracle replays the barriers of each plan,
 /// and reports missing barriers and needless bits. A parameter of --set without an effect gives a warning. With
 /// --device, graphs are built for that device instead, and unmet requirements are errors.
 #[derive(Debug, clap::Args)]
@@ -87,6 +88,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let mut warn = |warning| match warning {
             Warning::Plan { plain, .. } if args.json.is_some() => warnings.extend(plain),
             Warning::Plan { text, .. } => say_styled(&text),
+            Warning::Unchecked(plain) => warnings.extend(plain),
             Warning::Setting(text) if args.json.is_some() => without_effect.push(text),
             Warning::Setting(text) => say(format!("warning: {graph}, {text}")),
         };
@@ -106,6 +108,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
         match result {
             Ok(Verdict::Right(lines) | Verdict::Lacking(lines)) => {
                 options::print(&format!("{title}: {lines}"))?
+            }
+            Ok(Verdict::Unchecked(lines, errors)) => {
+                say_styled(&format!("{}\n", errors.text(colour()).trim_end()));
+                options::print(&format!("{title}: {lines}"))?;
             }
             // A bug of the solver, not of the graph.
             Ok(Verdict::Wrong(violations)) => {
@@ -180,6 +186,10 @@ fn as_json(
 ) -> Value {
     let verdict = match result {
         Ok(Verdict::Right(verdict) | Verdict::Lacking(verdict)) => verdict.clone(),
+        Ok(Verdict::Unchecked(verdict, errors)) => {
+            found.extend(errors.found.iter().cloned());
+            verdict.clone()
+        }
         Ok(Verdict::Wrong(violations)) => format!("its barriers failed verification: {violations}"),
         Err(errors) => {
             found.splice(0..0, errors.found.iter().cloned());
@@ -203,6 +213,8 @@ enum Verdict {
     Right(String),
     /// A named device does not meet these requirements.
     Lacking(String),
+    /// No facts were found that meet the requirements; with a summary, and the requirements as errors.
+    Unchecked(String, GraphErrors),
     /// The problems that [`verify`] found.
     Wrong(String),
 }
@@ -212,6 +224,8 @@ type CheckResult = Result<Verdict, GraphErrors>;
 enum Warning {
     /// Warnings about a plan, as rendered text with source lines and as plain data.
     Plan { text: String, plain: Vec<PlainDiagnostic> },
+    /// Unmet requirements of a graph of a choice that was not checked. The summary names it, too.
+    Unchecked(Vec<PlainDiagnostic>),
     /// A setting without an effect, after the subgroup widths to which this applies.
     Setting(String),
 }
@@ -221,7 +235,8 @@ enum Warning {
 /// built for a device or a scene that meets them.
 ///
 /// Returns a verdict with a line for each group of devices with equal results. If a device has violations or errors,
-/// or is named and does not meet the graph's requirements, returns the verdict on the first such device instead.
+/// or is named and does not meet the graph's requirements, returns the verdict on the first such device instead. If no
+/// graph was built at all, returns [`Verdict::Unchecked`].
 ///
 /// Each warning is passed to `warn` once.
 fn check(
@@ -268,6 +283,7 @@ fn check(
     }
     let verdict = if drawn.is_empty() { "not for the least capable supported device" } else { "OK" };
     checked.lines.0.append(&mut unsuited.0);
+    let mut unchecked = Vec::new();
     for undrawn in requirements::undrawn(planner, graph, &cases, &catalog, &drawn)? {
         let who = undrawn.name.as_ref().map_or("the graph".to_owned(), |name| format!("`{name}`"));
         let lanes = undrawn.case.as_ref().map_or(String::new(), |case| case.device.subgroup_size.to_string());
@@ -277,10 +293,11 @@ fn check(
                 Ok(line) => format!("{who} with {}: {line}", undrawn.changed),
                 Err(violations) => return Ok(Verdict::Wrong(violations)),
             },
-            None => format!(
-                "{who} was not checked: no facts were found with which it has {}",
-                listed(&undrawn.unmet)
-            ),
+            None => {
+                unchecked.extend(requirements::refusal(planner, (graph, &undrawn), &cases[0], &catalog));
+                let needs = listed(&undrawn.unmet);
+                format!("{who} was not checked: no facts were found with which it has {needs}")
+            }
         };
         checked.lines.add(&lanes, line);
     }
@@ -288,7 +305,14 @@ fn check(
         warn(Warning::Setting(format!("{}{text}", lanes_of(lanes, is_named))));
     }
     let line = |(line, lanes): (String, Vec<String>)| format!("\n  {}{line}", lanes_of(&lanes, is_named));
-    Ok(Verdict::Right(verdict.to_owned() + &checked.lines.0.into_iter().map(line).collect::<String>()))
+    let summary = verdict.to_owned() + &checked.lines.0.into_iter().map(line).collect::<String>();
+    if checked.verified.is_empty() && !unchecked.is_empty() {
+        return Ok(Verdict::Unchecked(summary, unchecked.swap_remove(0)));
+    }
+    for errors in unchecked {
+        warn(Warning::Unchecked(as_warnings(errors)));
+    }
+    Ok(Verdict::Right(summary))
 }
 
 /// Formats the subgroup widths of a line: `16, 32 lanes: `. Empty for a named device.

@@ -133,9 +133,13 @@ fn a_graph_that_needs_more_than_the_smallest_device_is_no_error_and_all_else_is_
     assert!(errors.to_string().contains("division by zero"), "{errors}");
     let errors = result(&folder, "shader.ron").expect_err("an unknown name");
     assert!(errors.to_string().contains("`unknown`"), "{errors}");
-    let text = right(result(&folder, "never.ron"));
+    let never = result(&folder, "never.ron");
+    let Ok(Verdict::Unchecked(text, errors)) = &never else { panic!("expected no verdict, found {never:?}") };
     let last = "\n  the graph was not checked: no facts were found with which it has no workgroups (device.max_groups_x = 65535)";
     assert!(text.ends_with(last), "{text}");
+    assert!(errors.to_string().contains("this graph needs no workgroups"), "{errors}");
+    let json = as_json("never.ron", None, &never, Vec::new(), &[]);
+    assert_eq!((&json["ok"], &json["diagnostics"][0]["line"]), (&json!(false), &json!(1)), "{json:#}");
 }
 
 #[test]
@@ -168,6 +172,30 @@ fn errors_of_every_graph_of_a_choice_are_found_and_a_fallback_is_fine() {
         lines[2].starts_with("  4, 8, 16, 32, 64, 128 lanes: `longs.ron` with device.int64 = true: 2 passes"),
         "{text}"
     );
+}
+
+#[test]
+fn a_graph_of_a_choice_that_cannot_be_checked_is_a_warning() {
+    let folder = folder(&[
+        ("good.ron", &graph("", "good.comp", "8, 8")),
+        ("bad.ron", &graph("", "bad.comp", "8, 8")),
+        (
+            "choice.ron",
+            r#"Choice(summary: "", of: [(graph: "bad.ron", require: [("1 > 2", "a wonder")]), (graph: "good.ron")])"#,
+        ),
+    ]);
+    let path = folder.path().join("choice.ron").display().to_string();
+    let mut found = Vec::new();
+    let mut warn = |warning| match warning {
+        Warning::Unchecked(plain) => found.extend(plain),
+        _ => panic!("expected one warning, found another"),
+    };
+    let smallest = facts::SUBGROUP_SIZES.map(smallest);
+    let text = right(check(&mut Planner::default(), &path, &[], 1000, On::Smallest(&smallest), &mut warn));
+    let last = "`bad.ron` was not checked: no facts were found with which it has a wonder (`1 > 2` is false)";
+    assert!(text.contains(last), "{text}");
+    let found: Vec<&str> = found.iter().map(|warning| warning.message.as_str()).collect();
+    assert_eq!(found, ["this graph needs a wonder"]);
 }
 
 #[test]
