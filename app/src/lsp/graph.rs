@@ -6,7 +6,7 @@ use super::index::{Index, Place};
 use super::{hints, names, rename, text};
 use crate::draw::backend;
 use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, Severity};
-use crate::draw::requirements::{self, Case};
+use crate::draw::requirements::{self, Case, as_warnings};
 use lsp_types::{Diagnostic, DiagnosticSeverity, InlayHint, Location, Range, TextEdit, Uri};
 use splatgraph_assets::grouped;
 use splatgraph_framework::dump::Dump;
@@ -53,6 +53,8 @@ pub(super) struct Built {
     dump: Option<Dump>,
     /// True for a part, which is not built on its own to the end.
     is_part: bool,
+    /// True once the text was meant as a graph: it stays one if it is emptied.
+    was_graph: bool,
     /// The diagnostics, each with its file.
     diagnostics: Vec<(PathBuf, Diagnostic)>,
     /// Paths that the build looked up, as they were and canonical. The paths of missing files are included.
@@ -194,12 +196,11 @@ impl Workspace {
     fn build(&mut self, path: &Path) {
         self.has_built = true;
         self.planner.forget_files();
-        self.built.entry(path.to_owned()).or_default().dump = None;
-        let found = if self.open.get(path).is_some_and(|text| is_foreign(text)) {
-            Vec::new()
-        } else {
-            self.check(path)
-        };
+        let is_graph = self.open.get(path).is_none_or(|text| !is_foreign(text));
+        let built = self.built.entry(path.to_owned()).or_default();
+        built.dump = None;
+        built.was_graph |= is_graph;
+        let found = if built.was_graph { self.check(path) } else { Vec::new() };
         let diagnostics = found.into_iter().map(|plain| self.placed(path, plain)).collect();
         let is_part = self.is_part(&path.display().to_string());
         let wanted = self.planner.wanted().into_iter().map(|wanted| wanted.path);
@@ -230,8 +231,13 @@ impl Workspace {
             if let Some(case) = build.case.as_ref().filter(|_| build.name.is_none()) {
                 self.declare(path, graph, case, &build.changed)?;
             }
-            if let Some(plan) = build.plan(&mut self.planner, graph, &[], &catalog)? {
-                warnings.extend(self.learn(path, &plan));
+            match build.plan(&mut self.planner, graph, &[], &catalog)? {
+                Some(plan) => warnings.extend(self.learn(path, &plan)),
+                None => {
+                    let found =
+                        requirements::refusal(&mut self.planner, (graph, &build), &cases[0], &catalog);
+                    warnings.extend(found.into_iter().flat_map(as_warnings));
+                }
             }
         }
         Ok(warnings)

@@ -18,6 +18,9 @@ fn a_mistake_is_shown_as_it_is_typed_and_goes_when_it_is_mended() {
     assert_eq!(found[0]["range"]["end"], json!({ "line": 4, "character": character + 5 }));
     editor.change("graph.ron", GRAPH);
     assert_eq!(editor.published(), (editor.uri("graph.ron"), vec![]));
+    editor.change("graph.ron", "// Draws splats.\n");
+    let message = editor.published().1[0]["message"].as_str().expect("text").to_owned();
+    assert!(message.starts_with("the file is empty"), "{message}");
     if cfg!(feature = "window") {
         // Only the viewer has this graph's imports.
         let window = Path::new(env!("CARGO_MANIFEST_DIR")).join("pipelines/view/window.ron");
