@@ -2,6 +2,7 @@
 
 use crate::place::Place;
 use serde_json::Value;
+use splatgraph_assets::{Camera, Projection};
 
 fn photographed() -> Place {
     let place = Place::demo(5000);
@@ -166,6 +167,10 @@ fn the_cameras_of_a_dataset_are_drawn_by_render_and_mistakes_are_told() {
     );
     std::fs::remove_file(place.at("views/images/view-0008.png")).expect("it is there");
     std::fs::create_dir(place.at("empty")).expect("a folder");
+    let mut fisheyes = Camera::load(place.at("views")).expect("cameras");
+    fisheyes.iter_mut().for_each(|camera| camera.projection = Projection::Fisheye);
+    Camera::save(&fisheyes, place.at("fisheyes.json")).expect("written");
+    place.write("broken.ron", "Graph(");
     place.refuses(
         "",
         &[
@@ -178,6 +183,11 @@ fn the_cameras_of_a_dataset_are_drawn_by_render_and_mistakes_are_told() {
             ("evaluate scene.ply -c cameras.json", 2, "name it with --photographs"),
             ("evaluate scene.ply -c empty", 1, "expected cameras.json, transforms.json"),
             ("evaluate scene.ply -c views --backend reference --set cutoff=3", 2, "--set is for graphs"),
+            (
+                "evaluate scene.ply -c fisheyes.json --photographs views/images -p broken.ron",
+                1,
+                "broken.ron:1:",
+            ),
             ("synth --photograph scene.ply", 2, "--dataset"),
             ("synth uniform -o u.ply --dataset new", 2, "expected --photograph with --dataset, found none"),
             ("synth uniform -o u.ply --views 3", 2, "expected --photograph with --views, found none"),

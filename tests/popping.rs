@@ -97,10 +97,11 @@ fn mistakes_on_a_path_are_told_before_anything_is_drawn() {
     let place = Place::new();
     place.cameras(&["one", "two"]);
     let mut cameras = Camera::load(place.at("cameras.json")).expect("cameras");
+    let lens = |camera: &Camera| Camera { projection: Projection::Fisheye, ..camera.clone() };
+    let fisheyes: Vec<Camera> = cameras.iter().map(lens).collect();
+    Camera::save(&fisheyes, place.at("fisheyes.json")).expect("written");
     cameras[1] = cameras[1].resized(32, 24);
     Camera::save(&cameras, place.at("sizes.json")).expect("written");
-    cameras.iter_mut().for_each(|camera| camera.projection = Projection::Fisheye);
-    Camera::save(&cameras, place.at("fisheyes.json")).expect("written");
     place.write("broken.ron", "Graph(");
     place.refuses(
         "popping scene.ply",

@@ -1,6 +1,8 @@
 //! Several scenes in one picture: a composition file, names on the command line and `convert` must agree bit by bit.
 
 use crate::place::Place;
+use splatgraph::draw::fit::{Fit, Target};
+use splatgraph::io::load::LoadOptions;
 
 fn scenes() -> Place {
     let place = Place::empty();
@@ -62,6 +64,24 @@ fn a_level_is_that_of_the_scenes_with_levels_beside_scenes_and_lists_without() {
         assert_eq!(both["counts"]["loaded"].as_u64(), alone.map(|count| count + 4), "{scenes}");
     }
     place.refuses("render list.ron -o a.png --level 1", &[("", 1, "expected a scene with levels")]);
+    // A device with room for some of the splats has room for a coarser level.
+    let fit = |most| Fit {
+        device: Target::nominal(),
+        fits: false,
+        splats: 9,
+        needed_bytes: 0,
+        loading_bytes: 0,
+        largest: None,
+        too_large: Vec::new(),
+        most_splats: Some(most),
+    };
+    let advice = |most| fit(most).advice(&place.at("lod/lod-meta.json"), &LoadOptions::default());
+    assert_eq!(advice(4), "  `--level 1` has 4\n");
+    assert!(
+        advice(3).contains("/lod-meta.json fewer.ply --where 'index % 3 == 0'` keeps 3"),
+        "{}",
+        advice(3)
+    );
 }
 
 #[test]

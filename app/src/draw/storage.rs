@@ -71,8 +71,8 @@ pub enum StorageError {
 }
 
 impl StorageError {
-    /// Adds how many splats of the scene at `path` would fit, with the smallest storage, to an error about memory. `device`
-    /// and `wanted` are those of the choice, and the scene was loaded with `load`.
+    /// Adds how many splats of the scene at `path` would fit, with the smallest storage, to an error about memory.
+    /// `device` and `wanted` are those of the choice, and the scene was loaded with `load`.
     pub fn with_fit(
         self,
         wanted: &Wanted,
