@@ -400,6 +400,25 @@ mod tests {
     }
 
     #[test]
+    fn a_heading_stands_over_the_options_that_it_describes_and_the_output_comes_first() {
+        let all = Cli::command();
+        for (name, heading, count) in [
+            ("render", "A camera without a file", 6),
+            ("video", "A circle without a file of cameras", 6),
+            ("convert", "Changes, in this order", 7),
+        ] {
+            let options = || {
+                all.find_subcommand(name).expect("a command").get_arguments().filter(|a| !a.is_positional())
+            };
+            let under = options().filter(|option| option.get_help_heading() == Some(heading)).count();
+            let others = options().any(|option| ![None, Some(heading)].contains(&option.get_help_heading()));
+            assert_eq!((under, others), (count, false), "{name}");
+            let first = options().next().map(|option| option.get_id().as_str());
+            assert_eq!(first, Some(if name == "convert" { "format" } else { "output" }), "{name}");
+        }
+    }
+
+    #[test]
     fn options_of_loading_may_stand_before_or_after_the_command() {
         for line in
             ["splatgraph --level 2 --ignore-tags info a.sog", "splatgraph info a.sog --level 2 --ignore-tags"]

@@ -53,11 +53,12 @@ pub struct Args {
     #[arg(long, value_name = "3|4", value_parser = clap::value_parser!(u8).range(3..=4))]
     spz_version: Option<u8>,
     #[command(flatten)]
-    edit: EditArgs,
-    #[command(flatten)]
     price: PriceArgs,
     #[command(flatten)]
     load: LoadOptions,
+    // Its heading would apply to all arguments below.
+    #[command(flatten)]
+    edit: EditArgs,
 }
 
 fn formats() -> impl TypedValueParser<Value = SceneFormat> {

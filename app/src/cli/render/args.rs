@@ -45,12 +45,23 @@ const EXAMPLES: &str = "Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
+    /// Output: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder; NAME=FILE for depth, alpha
+    /// and others
+    #[arg(
+        short, long, value_name = "OUT|NAME=FILE", required_unless_present_any = ["json", "inspect"],
+        value_parser = OsStringValueParser::new().try_map(destination::output), long_help = destination::output_help()
+    )]
+    pub(super) output: Vec<Output>,
+    /// Format of the pictures in a folder [default: png]
+    #[arg(long, value_name = "png|exr|npy")]
+    pub(super) format: Option<Format>,
+    /// Background colour, display-encoded: 0 is black, 1 is white
+    #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
+    pub(super) background: [f32; 3],
     #[command(flatten)]
     pub(super) scenes: ScenesArgs,
     #[command(flatten)]
     pub(super) drawing: Drawing,
-    #[command(flatten, next_help_heading = "A camera without a file")]
-    pub(super) look: LookAtArgs,
     /// Renderer: `vulkan`, `metal` (on Apple's systems), or `reference`, the exact renderer on the CPU
     ///
     /// `vulkan` and `metal` execute the graph on a device. `null` executes nothing, to measure the rest of the program:
@@ -62,19 +73,6 @@ pub struct Args {
     /// Change a rule of the exact renderer; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, long_help = rule_help())]
     pub(super) rule: Vec<(String, String)>,
-    /// Background colour, display-encoded: 0 is black, 1 is white
-    #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
-    pub(super) background: [f32; 3],
-    /// Output: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder; NAME=FILE for depth, alpha
-    /// and others
-    #[arg(
-        short, long, value_name = "OUT|NAME=FILE", required_unless_present_any = ["json", "inspect"],
-        value_parser = OsStringValueParser::new().try_map(destination::output), long_help = destination::output_help()
-    )]
-    pub(super) output: Vec<Output>,
-    /// Format of the pictures in a folder [default: png]
-    #[arg(long, value_name = "png|exr|npy")]
-    pub(super) format: Option<Format>,
     /// Print statistics as JSON, one entry per camera, or write them to FILE
     ///
     /// docs/output-files.md lists the fields. If a camera fails, the others have entries, and the exit code is 1.
@@ -113,6 +111,9 @@ pub struct Args {
     pub shard: ShardArgs,
     #[command(flatten)]
     pub device: DeviceArgs,
+    // The heading would apply to all arguments below.
+    #[command(flatten, next_help_heading = "A camera without a file")]
+    pub(super) look: LookAtArgs,
 }
 
 /// The renderer that `--backend` selects.

@@ -45,6 +45,17 @@ const EXAMPLES: &str = "Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
+    /// Output: .gif, .apng or .png (animated), .y4m, or a folder; .mp4 (AV1) if the program was built with the feature
+    /// av1
+    ///
+    /// A name without extension is a folder with 00000.png, 00001.png, ..., and film.json, which describes the film.
+    /// Repeating the command draws the missing frames. A .y4m is uncompressed video for encoders: 4:2:0, BT.709. `-`
+    /// writes .y4m to standard output. Files and pictures are never partial.
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Format of the pictures in a folder [default: png]
+    #[arg(long, value_name = "png|exr|npy")]
+    format: Option<image::Format>,
     #[command(flatten)]
     scenes: ScenesArgs,
     #[command(flatten)]
@@ -52,8 +63,6 @@ pub struct Args {
     /// Return from the last camera to the first, so that the film repeats without a jump
     #[arg(long)]
     closed: bool,
-    #[command(flatten, next_help_heading = "A circle without a file of cameras")]
-    look: LookAtArgs,
     /// Duration [default: 10]
     #[arg(long, value_name = "SECONDS", value_parser = seconds, conflicts_with = "orbit")]
     seconds: Option<f64>,
@@ -69,25 +78,17 @@ pub struct Args {
     /// Background colour, display-encoded: 0 is black, 1 is white
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     background: [f32; 3],
-    /// Output: .gif, .apng or .png (animated), .y4m, or a folder; .mp4 (AV1) if the program was built with the feature
-    /// av1
-    ///
-    /// A name without extension is a folder with 00000.png, 00001.png, ..., and film.json, which describes the film.
-    /// Repeating the command draws the missing frames. A .y4m is uncompressed video for encoders: 4:2:0, BT.709. `-`
-    /// writes .y4m to standard output. Files and pictures are never partial.
-    #[arg(short, long, value_name = "OUT")]
-    output: PathBuf,
     /// Write the cameras of the frames as a cameras.json, with which `render` draws depth and other outputs of them
     #[arg(long, value_name = "FILE")]
     write_cameras: Option<PathBuf>,
-    /// Format of the pictures in a folder [default: png]
-    #[arg(long, value_name = "png|exr|npy")]
-    format: Option<image::Format>,
     /// Maximum number of pictures that are drawn but not yet encoded [default: two per processor]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
     #[command(flatten)]
     device: BackendArgs,
+    // The heading would apply to all arguments below.
+    #[command(flatten, next_help_heading = "A circle without a file of cameras")]
+    look: LookAtArgs,
 }
 
 const MAX_FRAMES: u32 = 100_000;
@@ -215,8 +216,7 @@ fn check_keys(args: &Args, keys: &[Camera]) -> Result<()> {
     if keys.len() < 2 {
         bail!(Usage(format!("expected two cameras or more for a path, found {}", keys.len())));
     }
-    let graph = args.projection(keys);
-    keys.iter().try_for_each(|key| projection::check(key.projection, graph))?;
+    projection::check(projection::shared(keys)?, args.projection(keys))?;
     Ok(())
 }
 
@@ -249,11 +249,7 @@ fn motion(
         }));
     };
     args.look.refuse_height("a path through cameras keeps their scale")?;
-    let mut keys: Vec<Camera> = loading::in_scene(keys, scene).iter().map(sized).collect();
-    if projection::shared(&keys).is_err() {
-        // A path has one projection.
-        keys = keys.into_iter().map(|key| key.projected(graph, scene)).collect();
-    }
+    let keys: Vec<Camera> = loading::in_scene(keys, scene).iter().map(sized).collect();
     let mut path = CameraPath::new(camera_path::length_of_radian(scene));
     path.set_keys(keys)?;
     path.set_closed(args.closed);
