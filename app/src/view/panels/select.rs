@@ -48,6 +48,8 @@ pub struct State {
     /// Viewport of the last drag; see [`State::take_touched`].
     touched: Option<RendererId>,
     path: String,
+    /// Path of the scene for which `path` was proposed, and the proposal.
+    proposed: (PathBuf, String),
 }
 
 impl Default for State {
@@ -59,6 +61,7 @@ impl Default for State {
             drag: None,
             touched: None,
             path: String::new(),
+            proposed: Default::default(),
         }
     }
 }
@@ -268,8 +271,11 @@ impl State {
             });
             return;
         }
-        if self.path.is_empty() {
-            self.path = fresh(&viewer.folder, viewer.scene_path_of(id)).display().to_string();
+        let scene = viewer.scene_path_of(id);
+        // The name of another scene is not kept, unless the user wrote it.
+        if self.path.is_empty() || self.path == self.proposed.1 && self.proposed.0 != scene {
+            self.path = fresh(&viewer.folder, scene).display().to_string();
+            self.proposed = (scene.to_owned(), self.path.clone());
         }
         ui.horizontal_wrapped(|ui| {
             let field = TextEdit::singleline(&mut self.path).desired_width(240.0);
