@@ -1,13 +1,25 @@
-// The division of the picture into *bins*, squares of BIN x BIN pixels. Binning makes a list of the splats that may touch each bin, near
-// to far.
+// The division of the picture into *bins* of BIN x BIN_ROWS pixels. Binning makes a list of the splats that may touch each bin, near to
+// far.
+
+// In a graph without the constant, bins are squares.
+#ifndef BIN_HEIGHT
+#define BIN_HEIGHT BIN_SIDE
+#endif
 
 const uint BIN = uint(BIN_SIDE);
+const uint BIN_ROWS = uint(BIN_HEIGHT);
+const uvec2 BIN_SIZE = uvec2(BIN, BIN_ROWS);
 
-// The bins that a splat may touch: the first and the last column and row, 8 bits each.
+// The bins that a splat may touch: the first and the last column and row.
 struct BinRect { uvec2 first, last; };
 
+// Bits of a column in a packed rectangle; a row has the rest of 16.
+const uint COLUMN_BITS = BIN_ROWS < BIN ? 7u : 8u;
+const uint COLUMN_MASK = (1u << COLUMN_BITS) - 1u;
+
 uint pack_bins(BinRect r) {
-    return r.first.x | (r.first.y << 8) | (r.last.x << 16) | (r.last.y << 24);
+    uvec2 corners = uvec2(r.first.x, r.last.x) | (uvec2(r.first.y, r.last.y) << COLUMN_BITS);
+    return corners.x | (corners.y << 16);
 }
 
 // A graph without the constant draws no panorama.
@@ -15,13 +27,20 @@ uint pack_bins(BinRect r) {
 #define WRAPS 0
 #endif
 
+BinRect unpack_corners(uint packed) {
+    uvec2 corners = uvec2(packed & 0xffffu, packed >> 16);
+    uvec2 columns = corners & COLUMN_MASK;
+    uvec2 rows = corners >> COLUMN_BITS;
+    return BinRect(uvec2(columns.x, rows.x), uvec2(columns.y, rows.y));
+}
+
 #if WRAPS
 // In a panorama, a rectangle may wrap from the right edge to the left. Packed, its last column is then less than its first; unpacked, it
 // is beyond the picture.
 const uint ROW_BINS = (uint(VIEWPORT_WIDTH) + BIN - 1u) / BIN;
 
 BinRect unpack_bins(uint packed) {
-    BinRect r = BinRect(uvec2(packed, packed >> 8) & 255u, uvec2(packed >> 16, packed >> 24) & 255u);
+    BinRect r = unpack_corners(packed);
     r.last.x += r.last.x < r.first.x ? ROW_BINS : 0u;
     return r;
 }
@@ -33,7 +52,7 @@ uint bin_column(uint column) {
 #define BIN_COLUMN(column) bin_column(column)
 #else
 BinRect unpack_bins(uint packed) {
-    return BinRect(uvec2(packed, packed >> 8) & 255u, uvec2(packed >> 16, packed >> 24) & 255u);
+    return unpack_corners(packed);
 }
 
 #define BIN_COLUMN(column) column

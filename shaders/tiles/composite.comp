@@ -104,7 +104,7 @@ void main() {
     }
     uint bin = composited_bins[number];
     uint place = i % BIN_PIXELS;
-    uvec2 pixel = uvec2(bin % uint(BINS_X), bin / uint(BINS_X)) * BIN + pixel_at(place);
+    uvec2 pixel = uvec2(bin % uint(BINS_X), bin / uint(BINS_X)) * BIN_SIZE + pixel_at(place);
 
     uint first = further[bin];
     uint end = further[bin + 1u];

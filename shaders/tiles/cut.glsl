@@ -1,7 +1,7 @@
 // Intersects the ellipse of a splat at the alpha floor with rows of pixels. Within some rows, the leftmost point is the whole
 // ellipse's if that is in the rows, and otherwise on the nearer edge of the rows; likewise the rightmost point.
 
-// A splat relative to a square of the picture: positions in pixels from the square's first pixel.
+// A splat relative to a rectangle of the picture: positions in pixels from the rectangle's first pixel.
 struct Cut {
     vec2 centre;
     float limit;        // of the squared distance in sigmas, scaled like the root
@@ -18,8 +18,8 @@ const float CUT_MARGIN = 1.0 / 64.0;
 // The minimum of `limit`: LEAST_LOG of projection.glsl, in powers of 2.
 const float LEAST_LIMIT = 1.4427e-6;
 
-// Returns the ellipse relative to the square of `side` pixels at `corner`, for a splat that ends at the alpha `least`.
-Cut cut_of(Record r, vec2 corner, float side, float least) {
+// Returns the ellipse relative to the rectangle of `size` pixels at `corner`, for a splat that ends at the alpha `least`.
+Cut cut_of(Record r, vec2 corner, vec2 size, float least) {
     Cut c;
     c.limit = max(r.log_alpha - log2(least), LEAST_LIMIT);
     c.centre = r.centre - corner;
@@ -34,7 +34,7 @@ Cut cut_of(Record r, vec2 corner, float side, float least) {
     c.peak = -(r.root.y / slant) * half_height;
     vec2 half_size = vec2((slant / r.root.z) * reach * c.inverse_x, half_height) + CUT_MARGIN;
     c.low = max(c.centre - half_size, vec2(0.0));
-    c.high = min(c.centre + half_size, vec2(side - 1.0));
+    c.high = min(c.centre + half_size, size - 1.0);
 #if EXTENT == EXTENT_TILES
     vec2 columns = tile_range(r.centre.x, r.radius) - corner.x;
     vec2 rows = tile_range(r.centre.y, r.radius) - corner.y;

@@ -65,7 +65,7 @@ bool bins_around(vec2 low, vec2 high, out BinRect rect) {
         bool is_round = ends.x > ends.y && uint(ends.x) / BIN == uint(ends.y) / BIN;
         columns = is_round ? columns : ends;
     }
-    rect = BinRect(uvec2(columns.x, rows.x) / BIN, uvec2(columns.y, rows.y) / BIN);
+    rect = BinRect(uvec2(columns.x, rows.x) / BIN_SIZE, uvec2(columns.y, rows.y) / BIN_SIZE);
     return true;
 }
 #endif
@@ -98,7 +98,7 @@ bool project_to_bins(uint i, out Projection p, out float radius, out BinRect rec
     if (!(first.x <= last.x && first.y <= last.y)) {
         return false;
     }
-    rect = BinRect(uvec2(first) / BIN, uvec2(last) / BIN);
+    rect = BinRect(uvec2(first) / BIN_SIZE, uvec2(last) / BIN_SIZE);
     return true;
 #endif
 }

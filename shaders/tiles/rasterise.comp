@@ -43,45 +43,39 @@ layout(set = 0, binding = 5, rgba32f) writeonly uniform image2D picture;
 layout(set = 0, binding = 13, std430) writeonly buffer SegmentPixels { Pixel segment_pixels[]; };
 #endif
 
-// The workgroups of a bin share its rows of cells: ROWS for each. Cells per workgroup and per invocation.
-const uint ROWS = ACROSS / uint(BIN_GROUPS);
+// Rows of cells in the bin; cells in the bin and per invocation.
+const uint ROWS = BIN_ROWS / CELL;
 const uint CELLS = ROWS * ACROSS;
 const uint OWN = CELLS / CELLS_AT_ONCE;
 
 // Each invocation takes a splat; the first one takes a splat that touches nothing, which pads lists.
 const uint CHUNK = THREADS - 1u;
-// Splats that touch more cells than this are noted by ballots.
+// True if cells are noted only by ballots, which write every word of `touching`. Otherwise these are only for splats that touch many cells.
+#define BALLOTS (LANES >= 32 && BIN_HEIGHT * BIN_SIDE <= 512)
 const uint FEW_CELLS = 16u;
 const uint WORDS = THREADS / 32u;
 // The records of the chunk's splats, in the parts of 16 bytes that shared memory reads at once; in place of the centre, u and v of
-// the falloff at the corner of the bin (record.glsl).
+// the falloff at the corner of the bin's square (record.glsl).
 shared vec4 chunk_root[THREADS];
 shared uvec4 chunk_rest[THREADS];
 #if RECORD == RECORD_F32
-shared vec4 chunk_colour[THREADS];
+shared float chunk_blue[THREADS];
 #endif
 #if WITH_OUTPUTS
-// The depth and the index of the chunk's splats, for outputs. With 32-bit records they are in the words above: the smallest devices have
-// no more shared memory.
-#if RECORD == RECORD_F32
-#define DEPTH_OF_CHUNK(at) chunk_colour[at].a
-#define INDEX_OF_CHUNK(at) chunk_rest[at].z
-#else
+// The depth and the index of the chunk's splats.
 shared uvec2 chunk_seen[THREADS];
-#define DEPTH_OF_CHUNK(at) uintBitsToFloat(chunk_seen[at].x)
-#define INDEX_OF_CHUNK(at) chunk_seen[at].y
 #endif
-#endif
-// A row for each 32 splats of the chunk, with a word for each of the workgroup's cells: a bit for each splat that touches it. The row
+// A row for each 32 splats of the chunk, with a word for each of the bin's cells: a bit for each splat that touches it. The row
 // length is not a multiple of the number of memory banks, because the invocations of a cell read different rows.
 const uint ROW = CELLS + 4u;
 shared uint touching[WORDS * ROW];
 // The part of each cell's list that is walked at a time: positions in the chunk, one byte each. Every invocation has one word of
 // its cell's part.
-const uint LISTED = 4u * CELL_LANES;
+const uint LISTED = 4u * uint(CELL_LANES);
 shared uint listed[THREADS];
-// Words of `touching` for each invocation of a cell.
-const uint PARTS = WORDS / CELL_LANES;
+// Each invocation of a cell lists an equal part of the chunk's splats: the bits of a word of `touching`, of half a word, or of several.
+const uint PART_BITS = min(THREADS / uint(CELL_LANES), 32u);
+const uint PARTS = THREADS / (uint(CELL_LANES) * PART_BITS);
 // Nonzero if any pixel still has light after a chunk; for even and odd chunks.
 shared uint is_open[2];
 
@@ -107,25 +101,50 @@ uint splat_of_chunk(uint first, uint end, uint thread) {
 
 // Sums `value` over this and the lower invocations of a cell. Must be called by whole subgroups.
 uint sum_in_cell(uint value, uint lane) {
-    uint within = lane % CELL_LANES;
-    [[unroll]] for (uint distance = 1u; distance < CELL_LANES; distance *= 2u) {
+    uint within = lane % uint(CELL_LANES);
+    [[unroll]] for (uint distance = 1u; distance < uint(CELL_LANES); distance *= 2u) {
         uint below = subgroupShuffle(value, max(lane, distance) - distance);
         value += within >= distance ? below : 0u;
     }
     return value;
 }
 
-// Notes the cells that splat `at` of the chunk touches in the workgroup's rows, which begin at `top`. Must be called by whole subgroups.
-void mark_cells(Cut cut, bool is_valid, uint at, uint lane, uint top) {
-    uint row = at / 32u * ROW - top * ACROSS;
+// Notes the cells that the subgroup's splats touch, with a ballot for each cell. Atomics of many lanes to one word would be serialised.
+void mark_by_ballots(Cut cut, uvec2 low, uvec2 high, bool touches, uint at, uint lane) {
+    // A lane for each of up to 32 cells, in whole rows.
+    const uint ROWS_PER_TURN = min(ROWS, 32u / ACROSS);
+    [[unroll]] for (uint top = 0u; top < ROWS; top += ROWS_PER_TURN) {
+        uvec4 words = uvec4(0u);
+        [[unroll]] for (uint y = 0u; y < ROWS_PER_TURN; y++) {
+            uint row = top + y;
+            uint columns = touches && row >= low.y && row <= high.y ? columns_of(cut, row) : 0u;
+            [[unroll]] for (uint x = 0u; x < ACROSS; x++) {
+                uvec4 touch = subgroupBallot(((columns >> x) & 1u) != 0u);
+#if LANES >= 32
+                words = lane == y * ACROSS + x ? touch : words;
+#else
+                if (lane == 0u && touch.x != 0u) {
+                    atomicOr(touching[at / 32u * ROW + row * ACROSS + x], touch.x << (at & 31u));
+                }
+#endif
+            }
+        }
+#if LANES >= 32
+        if (lane < ROWS_PER_TURN * ACROSS) {
+            [[unroll]] for (uint w = 0u; w < uint(LANES) / 32u; w++) {
+                touching[(at / uint(LANES) * (uint(LANES) / 32u) + w) * ROW + top * ACROSS + lane] = words[w];
+            }
+        }
+#endif
+    }
+}
+
+// Notes the cells that splat `at` of the chunk touches. Must be called by whole subgroups.
+void mark_cells(Cut cut, bool is_valid, uint at, uint lane) {
     uvec2 low = uvec2(cut.low) / CELL;
     uvec2 high = uvec2(max(cut.high, vec2(0.0))) / CELL;
     bool touches = is_valid && cut.low.x <= cut.high.x && cut.low.y <= cut.high.y;
-#if BIN_GROUPS > 1
-    low.y = max(low.y, top);
-    high.y = min(high.y, top + ROWS - 1u);
-    touches = touches && low.y <= high.y;
-#endif
+#if !BALLOTS
     uint box = touches ? (high.x - low.x + 1u) * (high.y - low.y + 1u) : 0u;
     if (subgroupAll(box <= FEW_CELLS)) {
         for (uint y = low.y; touches && y <= high.y; y++) {
@@ -133,45 +152,17 @@ void mark_cells(Cut cut, bool is_valid, uint at, uint lane, uint top) {
             while (columns != 0u) {
                 uint x = uint(findLSB(columns));
                 columns &= columns - 1u;
-                atomicOr(touching[row + y * ACROSS + x], 1u << (at & 31u));
+                atomicOr(touching[at / 32u * ROW + y * ACROSS + x], 1u << (at & 31u));
             }
         }
-    } else {
-        // Atomics of many lanes to one word would be serialised.
-        for (uint y = top; y < top + ROWS; y++) {
-            uint columns = touches && y >= low.y && y <= high.y ? columns_of(cut, y) : 0u;
-            if (subgroupAll(columns == 0u)) {
-                continue;
-            }
-            [[unroll]] for (uint x = 0u; x < ACROSS; x++) {
-                uvec4 touch = subgroupBallot(((columns >> x) & 1u) != 0u);
-                uint word = row + y * ACROSS + x;
-#if LANES == 32
-                if (lane == x) {
-                    touching[word] = touch.x;
-                }
-#elif LANES > 32
-                if (lane == x) {
-                    touching[word] = touch.x;
-                    touching[word + ROW] = touch.y;
-#if LANES > 64
-                    touching[word + 2u * ROW] = touch.z;
-                    touching[word + 3u * ROW] = touch.w;
-#endif
-                }
-#else
-                if (lane == 0u && touch.x != 0u) {
-                    atomicOr(touching[word], touch.x << (at & 31u));
-                }
-#endif
-            }
-        }
+        return;
     }
+#endif
+    mark_by_ballots(cut, low, high, touches, at, lane);
 }
 
 void main() RECONVERGES {
-    uint group = group_index() / uint(BIN_GROUPS);
-    uint share = group_index() % uint(BIN_GROUPS);
+    uint group = group_index();
     uint number = group - uint(BIN_COUNT);
     if (group >= uint(BIN_COUNT) && number >= further[BIN_COUNT]) {
         return;
@@ -185,7 +176,11 @@ void main() RECONVERGES {
         bin = bin_of(number, lane);
         segment = number - further[bin] + 1u;
     }
-    vec2 corner = vec2(uvec2(bin % uint(BINS_X), bin / uint(BINS_X)) * BIN);
+    // The bin's first pixel. The falloff is computed from the corner of the square with sides of BIN pixels that contains the bin, so that
+    // the height of bins changes no rounding.
+    uvec2 origin = uvec2(bin % uint(BINS_X), bin / uint(BINS_X)) * BIN_SIZE;
+    uvec2 square = origin / BIN * BIN;
+    vec2 corner = vec2(square);
 
     uvec2 range = ranges[bin];
     uint begin = range.x + segment * uint(SEGMENT_ENTRIES);
@@ -206,7 +201,7 @@ void main() RECONVERGES {
 #if WITH_OUTPUTS
             pixels_of[o][p] = empty_pixel();
 #if WITH_MESH
-            pixels_of[o][p].limit = surface_depth(uvec2(corner) + pixel_at(pixel_place(thread, share * OWN + o, p)));
+            pixels_of[o][p].limit = surface_depth(origin + pixel_at(pixel_place(thread, o, p)));
 #endif
 #endif
             colours[o][p] = vec3(0.0);
@@ -241,49 +236,50 @@ void main() RECONVERGES {
         vec2 centre = r.centre - corner;
         chunk_root[thread] = vec4(r.root.xy, -(r.root.x * centre.x + r.root.y * centre.y), -r.root.z * centre.y);
 #if RECORD == RECORD_F32
-        chunk_rest[thread] = floatBitsToUint(vec4(r.root.z, r.log_alpha, 0.0, 0.0));
-        chunk_colour[thread] = stored.colour;
-#if WITH_OUTPUTS
-        chunk_rest[thread].z = index;
-        // The padding splat is before every mesh, so that it ends no list.
-        chunk_colour[thread].a = is_entry ? depth_of[index] : 0.0;
-#endif
+        chunk_rest[thread] = floatBitsToUint(vec4(r.root.z, r.log_alpha, r.colour.rg));
+        chunk_blue[thread] = r.colour.b;
 #else
         chunk_rest[thread] = uvec4(floatBitsToUint(vec2(r.root.z, r.log_alpha)), stored.rest.zw);
+#endif
 #if WITH_OUTPUTS
+        // The padding splat is before every mesh, so that it ends no list.
         chunk_seen[thread] = uvec2(floatBitsToUint(is_entry ? depth_of[index] : 0.0), index);
 #endif
-#endif
+#if !BALLOTS
         for (uint w = thread; w < WORDS * ROW; w += THREADS) {
             touching[w] = 0u;
         }
         barrier();
-        mark_cells(cut_of(r, corner, float(BIN), alpha_floor), is_entry, thread, lane, share * ROWS);
+#endif
+        mark_cells(cut_of(r, vec2(origin), vec2(BIN_SIZE), alpha_floor), is_entry, thread, lane);
         barrier();
 
         bool all_done = true;
         [[unroll]] for (uint o = 0u; o < OWN; o++) {
-            uint cell = o * CELLS_AT_ONCE + thread / CELL_LANES;
-            vec2 place = vec2(pixel_at(pixel_place(thread, share * OWN + o, 0u)));
-            bool is_cell_open = (subgroupBallot(!is_done[o])[lane / 32u] >> (lane & 31u & ~(CELL_LANES - 1u)) & ((1u << CELL_LANES) - 1u)) != 0u;
-            // Counts of the splats that touch the cell: in this invocation's words, up to and including these words, and in total.
-            uint part = thread % CELL_LANES * PARTS;
+            uint cell = o * CELLS_AT_ONCE + thread / uint(CELL_LANES);
+            vec2 place = vec2(origin - square + pixel_at(pixel_place(thread, o, 0u)));
+            uint open_lanes = subgroupBallot(!is_done[o])[lane / 32u] >> (lane & 31u & ~uint(CELL_LANES - 1));
+            bool is_cell_open = (open_lanes & ((1u << CELL_LANES) - 1u)) != 0u;
+            // Counts of the splats that touch the cell: in this invocation's parts, up to and including these parts, and in total.
+            uint part = thread % uint(CELL_LANES) * PARTS;
             uint rest_of[PARTS];
             uint own_count = 0u;
             [[unroll]] for (uint i = 0u; i < PARTS; i++) {
-                rest_of[i] = is_cell_open ? touching[(part + i) * ROW + cell] : 0u;
+                uint first_bit = (part + i) * PART_BITS;
+                uint word = is_cell_open ? touching[first_bit / 32u * ROW + cell] : 0u;
+                rest_of[i] = bitfieldExtract(word, int(first_bit & 31u), int(PART_BITS));
                 own_count += uint(bitCount(rest_of[i]));
             }
             uint sum = sum_in_cell(own_count, lane);
-            uint total = subgroupShuffle(sum, lane | (CELL_LANES - 1u));
+            uint total = subgroupShuffle(sum, lane | uint(CELL_LANES - 1));
             uint next = sum - own_count;
-            uint list = thread / CELL_LANES * CELL_LANES;
+            uint list = thread / uint(CELL_LANES) * uint(CELL_LANES);
             for (uint from = 0u; subgroupAny(from < total); from += LISTED) {
                 listed[thread] = 0u;
                 subgroupBarrier();
                 [[unroll]] for (uint i = 0u; i < PARTS; i++) {
                     while (rest_of[i] != 0u && next < from + LISTED) {
-                        uint at = (part + i) * 32u + uint(findLSB(rest_of[i]));
+                        uint at = (part + i) * PART_BITS + uint(findLSB(rest_of[i]));
                         rest_of[i] &= rest_of[i] - 1u;
                         uint place = next - from;
                         atomicOr(listed[list + place / 4u], at << (8u * (place & 3u)));
@@ -302,12 +298,12 @@ void main() RECONVERGES {
                         float v = uintBitsToFloat(rest.x) * place.y + root.w;
                         float log_alpha = uintBitsToFloat(rest.y);
 #if RECORD == RECORD_F32
-                        vec3 colour = chunk_colour[at].rgb;
+                        vec3 colour = vec3(uintBitsToFloat(rest.zw), chunk_blue[at]);
 #else
                         vec3 colour = vec3(unpackHalf2x16(rest.z), unpackHalf2x16(rest.w).x);
 #endif
 #if WITH_OUTPUTS
-                        Seen seen = Seen(DEPTH_OF_CHUNK(at), INDEX_OF_CHUNK(at), vec3(0.0));
+                        Seen seen = Seen(uintBitsToFloat(chunk_seen[at].x), chunk_seen[at].y, vec3(0.0));
 #if WITH_NORMALS
                         seen.normal = normals[seen.index].xyz;
 #endif
@@ -354,12 +350,12 @@ void main() RECONVERGES {
     uint sum_place = is_whole ? 0u : segment == 0u ? numbers[bin] : FURTHER_SUMS + number;
     [[unroll]] for (uint o = 0u; o < OWN; o++) {
         [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
-            uint place = pixel_place(thread, share * OWN + o, p);
+            uint place = pixel_place(thread, o, p);
 #if WITH_OUTPUTS
             pixels_of[o][p].light = lights[o][p];
 #endif
             if (is_whole) {
-                uvec2 at = uvec2(corner) + pixel_at(place);
+                uvec2 at = origin + pixel_at(place);
                 if (at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT)) {
                     imageStore(picture, ivec2(at), vec4(colours[o][p] + lights[o][p] * BEHIND(at, camera.background.rgb), 1.0));
 #if WITH_OUTPUTS

@@ -64,7 +64,7 @@ void main() {
     }
     if (thread_index() == 0u) {
         further[BIN_COUNT] = segments;
-        write_groups(0u, (uint(BIN_COUNT) + segments) * uint(BIN_GROUPS));
+        write_groups(0u, uint(BIN_COUNT) + segments);
         write_groups(3u, bins * (BIN_PIXELS / 256u));
         groups[6] = bins;
     }

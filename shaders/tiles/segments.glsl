@@ -9,16 +9,14 @@ uint segments_of(uint entries) {
 // Invocations per workgroup of the rasteriser.
 const uint RASTER_THREADS = 256u;
 
-// The rasteriser divides a bin into *cells* of CELL x CELL pixels, each shared by neighbouring invocations of a subgroup, which take
-// ROWS_AT_ONCE rows at a time.
+// The rasteriser divides a bin into *cells* of CELL x CELL pixels, each shared by CELL_LANES neighbouring invocations of a subgroup, which
+// take ROWS_AT_ONCE rows at a time.
 const uint CELL = 4u;
 const uint ACROSS = BIN / CELL;
-const uint BIN_CELLS = ACROSS * ACROSS;
-const uint CELL_LANES = min(8u, uint(DEVICE_SUBGROUP_SIZE));
-const uint CELL_PIXELS = CELL * CELL / CELL_LANES;
-const uint ROWS_AT_ONCE = CELL_LANES / CELL;
-const uint CELLS_AT_ONCE = RASTER_THREADS / CELL_LANES;
-const uint BIN_PIXELS = BIN * BIN;
+const uint CELL_PIXELS = CELL * CELL / uint(CELL_LANES);
+const uint ROWS_AT_ONCE = uint(CELL_LANES) / CELL;
+const uint CELLS_AT_ONCE = RASTER_THREADS / uint(CELL_LANES);
+const uint BIN_PIXELS = BIN * BIN_ROWS;
 
 // The place of the sums of further segments, after the sums of first segments, which are indexed by the number of their bin.
 const uint FURTHER_SUMS = uint(MOST_SEVERAL);
@@ -33,7 +31,7 @@ uint pixel_place(uint thread, uint turn, uint p) {
 uvec2 pixel_at(uint place) {
     uint thread = place % RASTER_THREADS;
     uint pass = place / RASTER_THREADS;
-    uint cell = pass / CELL_PIXELS * CELLS_AT_ONCE + thread / CELL_LANES;
-    uvec2 within = uvec2(thread % CELL, thread % CELL_LANES / CELL + pass % CELL_PIXELS * ROWS_AT_ONCE);
+    uint cell = pass / CELL_PIXELS * CELLS_AT_ONCE + thread / uint(CELL_LANES);
+    uvec2 within = uvec2(thread % CELL, thread % uint(CELL_LANES) / CELL + pass % CELL_PIXELS * ROWS_AT_ONCE);
     return CELL * uvec2(cell % ACROSS, cell / ACROSS) + within;
 }

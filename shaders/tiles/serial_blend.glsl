@@ -220,7 +220,7 @@ bool has_light(inout vec4 sums[VECTORS], Limits limits) {
 
 // Returns the blocks of a tile that a splat touches, with a margin for rounding: bit 2 row + column. `corner` is the tile's first pixel.
 uint blocks_of(Record r, vec2 corner, float least) {
-    Cut cut = cut_of(r, corner, float(TILE), least);
+    Cut cut = cut_of(r, corner, vec2(TILE), least);
     uint blocks = 0u;
     [[unroll]] for (uint row = 0u; row < 2u; row++) {
         vec2 span = span_of(cut, float(row) * 8.0, float(row) * 8.0 + 7.0);

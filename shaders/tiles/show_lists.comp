@@ -19,11 +19,12 @@ void main() {
     if (pixel.x >= uint(VIEWPORT_WIDTH) || pixel.y >= uint(VIEWPORT_HEIGHT)) {
         return;
     }
-    uint bin = pixel.y / BIN * uint(BINS_X) + pixel.x / BIN;
+    uvec2 at = pixel / BIN_SIZE;
+    uint bin = at.y * uint(BINS_X) + at.x;
     float doublings = log2(1.0 + float(ranges[bin].y - ranges[bin].x));
     float step = clamp(doublings / 4.0, 0.0, 4.999);
     vec3 colour = mix(COLOURS[uint(step)], COLOURS[uint(step) + 1u], fract(step));
     // A line between bins.
-    bool is_edge = pixel.x % BIN == 0u || pixel.y % BIN == 0u;
+    bool is_edge = any(equal(pixel % BIN_SIZE, uvec2(0u)));
     imageStore(picture, ivec2(pixel), vec4(is_edge ? 0.7 * colour : colour, 1.0));
 }

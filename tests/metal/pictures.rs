@@ -222,18 +222,27 @@ fn kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_
     const NAME: &str = "metal::pictures::kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_of_threads";
     alone(NAME, || {
         let mut stage = Stage::new();
-        let widths = [8, 32, 64].map(|lanes| DeviceFacts { subgroup_size: lanes, ..facts::apple_device() });
-        let graphs = [GRAPHS[1], GRAPHS[3], GRAPHS[7]];
-        let plans = graphs.map(|(graph, set)| widths.map(|device| stage.plan(graph, set, &device)));
+        // The height of bins decides how many lanes share a cell, which changes the rounding of its sums.
+        let heights = ["1", "2"].map(|halvings| [GRAPHS[3].1, &[("bin_halvings", halvings)]].concat());
+        let graphs = [
+            (GRAPHS[1].0, GRAPHS[1].1, [8, 32, 64]),
+            (GRAPHS[3].0, &heights[0], [8, 32, 64]),
+            (GRAPHS[3].0, &heights[1], [16, 32, 64]),
+            (GRAPHS[7].0, GRAPHS[7].1, [8, 32, 64]),
+        ];
+        let plans = graphs.map(|(graph, set, widths)| {
+            widths.map(|lanes| {
+                stage.plan(graph, set, &DeviceFacts { subgroup_size: lanes, ..facts::apple_device() })
+            })
+        });
         // One library, since the graphs share kernels.
         let library = Library::new(&shaders(plans.iter().flatten()));
-        for ((graph, set), plans) in std::iter::zip(graphs, &plans) {
+        for ((graph, set, widths), plans) in std::iter::zip(graphs, &plans) {
             let expected = stage.run(&plans[0], &library, false);
             let runs =
                 std::iter::zip(plans, widths).flat_map(|run| [false, true].map(|reversed| (run, reversed)));
-            for ((plan, device), reversed) in runs.skip(1) {
+            for ((plan, lanes), reversed) in runs.skip(1) {
                 let found = stage.run(plan, &library, reversed);
-                let lanes = device.subgroup_size;
                 assert!(
                     found == expected,
                     "{graph}, {set:?}, {lanes} lanes, reversed {reversed}: other bytes"
