@@ -24,7 +24,7 @@ use crate::ir::{
 /// Reads the module of one shader stage with one entry point.
 ///
 /// Fails, with a message, on invalid modules, features that no backend enables, pointers with unknown targets,
-/// descriptor arrays without a length, bindings that graphs do not support, and more than [`MAX_LOCAL_BYTES`] of local
+/// descriptor arrays without a length, bindings that graphs do not support, and more than 64 KiB of local
 /// variables. Supported are storage buffers, uniform blocks, and two-dimensional storage images in a [`Format`].
 pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
     let module = Module::parse(spirv)?;
