@@ -126,12 +126,14 @@ fn a_box_selects_splats_which_are_hidden_and_written_and_come_back() {
     assert_eq!(viewer.shell.viewer.scene().count(), all - some);
     let hidden = picture(&mut viewer);
     assert!(hidden.rgb != untouched.rgb && hidden.rgb != tinted.rgb);
+    assert_eq!(viewer.shell.viewer.unsaved(), Some(format!("{some} hidden splats")));
 
     // The file of the rest equals what `convert` writes, and draws the picture without the hidden splats.
     click(&mut viewer, "splats:save_rest");
     let (rest, count) = exported(&mut viewer);
     assert_eq!(count, all - some);
     assert_eq!(rest, viewer.place.at("scene-part-1.ply"));
+    assert_eq!(viewer.shell.viewer.unsaved(), None);
     viewer.shell.viewer.export(A, Part::Rest, &rest);
     viewer.event(
         "the refusal to replace it",
@@ -164,6 +166,12 @@ fn a_box_selects_splats_which_are_hidden_and_written_and_come_back() {
     viewer.settle();
     viewer.frame();
     assert!(marks(&viewer).is_empty());
+    // The file is named after the scene on the screen, and has the up direction that was chosen for it.
+    viewer.shell.viewer.show_upright([0.0, 1.0, 0.0]);
+    click(&mut viewer, "splats:save_rest");
+    let (upright, _) = exported(&mut viewer);
+    assert_eq!(upright, viewer.place.at("scene-part-1-part-1.ply"));
+    assert_eq!(Scene::load(&upright, QUIET).expect("the scene is loaded").up(), [0.0, 1.0, 0.0]);
     press(&mut viewer, Key::Z, Modifiers::COMMAND);
     assert_eq!(viewer.shell.viewer.scene_path(), viewer.place.at("scene.ply"));
     assert_eq!(*marks(&viewer).hidden, found);

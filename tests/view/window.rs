@@ -70,6 +70,13 @@ fn a_window_at_rest_draws_nothing_until_something_happens() {
     });
     assert!(blue, "the edited shader is not shown");
     program.rests();
+    // A keyframe that no file has: the first request to close the window says so.
+    since = program.now();
+    program.window.focus();
+    program.window.key('k'.into());
+    program.frame_after(since);
+    program.window.ask_to_close();
+    program.until(since, "a notice", |event| event["name"] == "notice");
     program.close();
 }
 

@@ -8,7 +8,7 @@ use super::renderer::Wake;
 use crate::draw::splat_set::SplatSet;
 use crate::io::output::{self, OutputGuard};
 use crate::io::scene_file::{self, Original};
-use splatgraph_assets::Scene;
+use splatgraph_assets::{FileNotes, Scene};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,7 +21,7 @@ pub struct Written {
     pub splats: u32,
     /// Size of the file, in bytes.
     pub bytes: u64,
-    /// Properties of the scene that the file lacks, as `convert` lists them.
+    /// Properties of the scene that the file lacks, as `convert` lists them, without those that no picture shows.
     pub lost: Vec<String>,
 }
 
@@ -39,12 +39,18 @@ impl Exporter {
         Exporter { work: Latest::new("write", wake), path: PathBuf::new(), percent: Arc::default() }
     }
 
-    /// Starts to write `splats` of a scene to a new file.
+    /// Starts to write `splats` of a scene to a new file. `up` replaces the scene's up direction, if given.
     ///
     /// # Errors
     /// Another file is being written, there is no splat, the file exists or cannot be created, its extension is
     /// unknown, or the system cannot start a thread.
-    pub fn start(&mut self, scene: Arc<Scene>, splats: Arc<SplatSet>, path: &Path) -> Result<(), String> {
+    pub fn start(
+        &mut self,
+        scene: Arc<Scene>,
+        splats: Arc<SplatSet>,
+        up: Option<[f64; 3]>,
+        path: &Path,
+    ) -> Result<(), String> {
         if self.busy() {
             return Err(format!(
                 "expected {} to be finished, found it still being written",
@@ -69,7 +75,11 @@ impl Exporter {
                     output::write_new_bytes(&path, text.as_bytes()).map_err(|error| error.to_string())?;
                     return Ok((text.len() as u64, Vec::new()));
                 };
-                let part = scene.picked(&splats.indices()).map_err(|error| error.to_string())?;
+                let mut part = scene.picked(&splats.indices()).map_err(|error| error.to_string())?;
+                if up.is_some_and(|up| up != scene.up()) {
+                    let notes = FileNotes { up, ..part.notes() };
+                    part = part.with_notes(notes);
+                }
                 let progress = |done: u64, of: u64| {
                     percent.store(100 * done / of.max(1), Ordering::Relaxed);
                     ControlFlow::Continue(())
@@ -137,14 +147,14 @@ mod tests {
         let splats: Arc<SplatSet> = Arc::new([3, 50, 199].into_iter().collect());
         let mut exporter = exporter();
         let path = folder.path().join("new/part.ply");
-        exporter.start(scene.clone(), splats.clone(), &path).unwrap();
+        exporter.start(scene.clone(), splats.clone(), None, &path).unwrap();
         let bytes = |path: &Path| std::fs::metadata(path).unwrap().len();
         let found = written(&mut exporter).unwrap();
         assert_eq!(found, Written { splats: 3, bytes: bytes(&path), lost: Vec::new() });
         let part = Scene::load(&path, QUIET).unwrap();
         assert_eq!(part.positions(), [3, 50, 199].map(|index| scene.positions()[index]));
         let list = folder.path().join("part.json");
-        exporter.start(scene.clone(), splats.clone(), &list).unwrap();
+        exporter.start(scene.clone(), splats.clone(), None, &list).unwrap();
         assert_eq!(written(&mut exporter).unwrap().bytes, bytes(&list));
         assert_eq!(SplatSet::read(&list, 200), Ok((*splats).clone()));
     }
@@ -158,7 +168,7 @@ mod tests {
         std::fs::write(at("scene.ply"), "mine").unwrap();
         let mut exporter = exporter();
         let said = |exporter: &mut Exporter, splats: &Arc<SplatSet>, path: PathBuf| {
-            exporter.start(scene.clone(), splats.clone(), &path).unwrap_err()
+            exporter.start(scene.clone(), splats.clone(), None, &path).unwrap_err()
         };
         assert!(said(&mut exporter, &some, at("scene.ply")).contains("expected a new file"));
         assert!(
@@ -177,8 +187,8 @@ mod tests {
         let scene = Arc::new(synth::generate("demo", 20_000, 3).unwrap());
         let all = Arc::new(SplatSet::first(20_000));
         let mut exporter = exporter();
-        exporter.start(scene.clone(), all.clone(), &path).unwrap();
-        let second = exporter.start(scene, all, &folder.path().join("second.spz")).unwrap_err();
+        exporter.start(scene.clone(), all.clone(), None, &path).unwrap();
+        let second = exporter.start(scene, all, None, &folder.path().join("second.spz")).unwrap_err();
         assert!(second.contains("still being written"), "{second}");
         drop(exporter);
         assert_eq!(Scene::load(&path, QUIET).unwrap().count(), 20_000);

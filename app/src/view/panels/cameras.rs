@@ -205,7 +205,11 @@ fn write_button(
     let button = controls.seen(&format!("write_{stem}"), button);
     if hint(button, format!("Writes {stem}-1.cameras.json, or the next free name")).clicked() {
         let event = match write(cameras(viewer), &viewer.folder, stem) {
-            Ok(path) => Event::Saved { path },
+            Ok(path) => {
+                let written = cameras(viewer).to_vec();
+                viewer.in_files.extend(written);
+                Event::Saved { path }
+            }
             Err(error) => Event::FileFailed { path: error.path.clone(), error: error.to_string() },
         };
         viewer.report(event);

@@ -501,6 +501,11 @@ impl Panels {
         }
     }
 
+    /// Returns the text that [`Panels::show_notice`] shows; `None` once it is dismissed.
+    pub fn notice(&self) -> Option<&str> {
+        self.notice.as_deref()
+    }
+
     fn show_notice_card(&mut self, ctx: &Context, view: Rect) {
         let Some(text) = self.notice.clone() else { return };
         egui::Area::new(egui::Id::unique("notice"))

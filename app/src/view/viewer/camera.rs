@@ -40,16 +40,18 @@ impl Viewer {
         plan.map(|plan| projection::of_params(&plan.params))
     }
 
-    /// Sets the up direction. Without cameras, the view is that of [`Camera::framing_upright`]; with cameras, it stays.
+    /// Sets the up direction, also of files that are written. Without cameras, the view is that of [`Camera::framing_upright`]; with cameras, it stays.
     pub fn set_up(&mut self, up: [f64; 3]) {
+        self.subject.up = Some(up);
         match self.cameras.is_empty() {
             true => self.navigation = self.subject.navigation(up),
             false => self.navigation.set_up(up.into()),
         }
     }
 
-    /// Sets the up direction, and flies to the view of the whole scene that is upright with respect to it.
+    /// Sets the up direction, also of files that are written, and flies to the view of the whole scene that is upright with respect to it.
     pub fn show_upright(&mut self, up: [f64; 3]) {
+        self.subject.up = Some(up);
         self.navigation.set_up(up.into());
         let camera = Camera::framing_upright(self.scene(), up, facts::DEFAULT_SIZE);
         self.navigation.set_camera(&camera);
@@ -154,11 +156,13 @@ impl Viewer {
             CameraRole::Views => {
                 for camera in cameras {
                     let name = camera.img_name.clone();
-                    self.views.add(&name, camera);
+                    let index = self.views.add(&name, camera);
+                    self.in_files.push(self.views.list()[index].clone());
                 }
             }
             CameraRole::Path => {
                 self.path.set_keys(cameras).map_err(|error| error.to_string())?;
+                self.in_files.extend_from_slice(self.path.keys());
                 self.play.pause();
                 self.play.seek(0.0, &self.path);
             }

@@ -20,7 +20,7 @@ use crate::draw::pick::{Picked, pick};
 use crate::draw::splat_set::Masked;
 use glam::DVec3;
 use splatgraph_api::{BackendError, Device, Running};
-use splatgraph_assets::{Camera, Scene, names_scenes};
+use splatgraph_assets::{Camera, Scene, grouped, names_scenes};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -70,6 +70,8 @@ pub struct Viewer {
     pub views: Views,
     /// Camera path, in world coordinates.
     pub path: CameraPath,
+    /// Views and keys that were read from or written to files.
+    pub(in crate::view) in_files: Vec<Camera>,
     /// Playback of the path.
     pub play: Playback,
     /// Camera that playback set last. If the camera differs, something else has moved it.
@@ -150,6 +152,7 @@ impl Viewer {
             camera: None,
             views: Views::default(),
             path: path_of_camera,
+            in_files: Vec::new(),
             play: Playback::default(),
             played: None,
             a: Viewport::new(renderer),
@@ -205,6 +208,25 @@ impl Viewer {
         };
         let scenes = [Some(&self.subject), self.other.as_ref()];
         self.drawing().any(busy) || self.opening.busy() || scenes.into_iter().flatten().any(Subject::busy)
+    }
+
+    /// Describes what the user made and did not write to a file: hidden splats, saved views and keys. `None` if there
+    /// is nothing.
+    pub fn unsaved(&self) -> Option<String> {
+        let new =
+            |cameras: &[Camera]| cameras.iter().filter(|camera| !self.in_files.contains(camera)).count();
+        let scenes = [Some(&self.subject), self.other.as_ref()].into_iter().flatten();
+        let counted = [
+            (scenes.map(|subject| u64::from(subject.unsaved())).sum(), "hidden splat"),
+            (new(self.views.list()) as u64, "view"),
+            (new(self.path.keys()) as u64, "keyframe"),
+        ];
+        let named = counted
+            .into_iter()
+            .filter(|(count, _)| *count > 0)
+            .map(|(count, name)| format!("{} {name}{}", grouped(count), if count == 1 { "" } else { "s" }));
+        let named: Vec<String> = named.collect();
+        (!named.is_empty()).then(|| named.join(", "))
     }
 
     /// Iterates over A, and B after the first comparison.

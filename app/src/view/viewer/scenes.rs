@@ -260,7 +260,8 @@ impl Viewer {
     fn show_scene(&mut self, subject: Subject, number: u64, beside: Option<CamerasBeside>) {
         // The file was edited: keep the view while the user adjusts the placement.
         if self.reloads(RendererId::A, &subject.path) {
-            self.replace_subject(subject);
+            let former = self.replace_subject(subject);
+            self.subject.up = former.up;
             return;
         }
         let former = self.scene().offset();

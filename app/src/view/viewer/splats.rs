@@ -1,7 +1,7 @@
 //! Selects, hides and writes splats of the viewer's scenes.
 
 use super::Viewer;
-use super::subject::{Combine, Marks, Part, Search};
+use super::subject::{Combine, Marks, Part, Search, Subject};
 use crate::draw::select::{Reach, Region, select};
 use crate::draw::splat_set::Masked;
 use crate::view::events::{Event, RendererId};
@@ -127,12 +127,15 @@ impl Viewer {
             Part::Selected => marks.selected.clone(),
             Part::Rest => Arc::new(marks.rest(subject.whole.count())),
         };
-        let scene = subject.whole.clone();
-        let begun = self.exporter.start(scene, splats, path);
-        if let Err(error) = &begun {
-            self.events.push(Event::FileFailed { path: path.to_owned(), error: error.clone() });
+        let (scene, up, hidden) = (subject.whole.clone(), subject.up, marks.hidden.clone());
+        if let Err(error) = self.exporter.start(scene, splats, up, path) {
+            self.events.push(Event::FileFailed { path: path.to_owned(), error });
+            return false;
         }
-        begun.is_ok()
+        if part == Part::Rest {
+            self.subject_mut(id).left_out = hidden;
+        }
+        true
     }
 
     /// Describes the file that is being written; `None` if there is none.
@@ -183,7 +186,15 @@ impl Viewer {
             }
             self.search(id);
         }
-        self.events.extend(self.exporter.take().map(exported));
+        if let Some(event) = self.exporter.take().map(exported) {
+            if matches!(event, Event::FileFailed { .. }) {
+                [Some(&mut self.subject), self.other.as_mut()]
+                    .into_iter()
+                    .flatten()
+                    .for_each(Subject::forget_file);
+            }
+            self.events.push(event);
+        }
     }
 
     /// Waits for the file that is being written, and returns the event of its end; `None` without a file.

@@ -124,6 +124,10 @@ pub(super) struct Subject {
     pub path: PathBuf,
     /// The file that `path` led to when it was read, without links and `..`.
     pub file: PathBuf,
+    /// Up direction that the user chose for the scene; `None` for that of its file.
+    pub up: Option<[f64; 3]>,
+    /// The hidden splats when the rest was last written to a file.
+    pub left_out: Arc<SplatSet>,
     /// The requested marks; `scene` shows them once the marked copy is made.
     marks: Marks,
     maker: Latest<MarkedScene>,
@@ -142,6 +146,8 @@ impl Subject {
             catalog,
             file: canonical(&path),
             path,
+            up: None,
+            left_out: Arc::default(),
             marks: Marks::default(),
             maker: Latest::new("show", wake.clone()),
             finder: Latest::new("select", wake),
@@ -155,6 +161,7 @@ impl Subject {
     pub fn copied(&self, wake: Wake) -> (Subject, Result<(), String>) {
         let mut copy = Subject::new(self.whole.clone(), self.path.clone(), wake);
         copy.file.clone_from(&self.file);
+        (copy.up, copy.left_out) = (self.up, self.left_out.clone());
         copy.show(MarkedScene { scene: self.scene.clone(), catalog: self.catalog.clone() });
         if self.maker.busy() {
             let applied = copy.set_marks(self.marks.clone());
@@ -169,6 +176,16 @@ impl Subject {
     pub fn navigation(&self, up: [f64; 3]) -> Navigation {
         let camera = Camera::framing_upright(&self.scene, up, facts::DEFAULT_SIZE);
         Navigation::new(&self.scene.robust_bounds(), &camera, up.into())
+    }
+
+    /// Counts the hidden splats if they differ from those that the last file of the rest lacks; otherwise returns 0.
+    pub fn unsaved(&self) -> u32 {
+        if self.left_out == self.marks.hidden { 0 } else { self.marks.hidden.len() }
+    }
+
+    /// Forgets the last file of the rest, because it could not be written.
+    pub fn forget_file(&mut self) {
+        self.left_out = Arc::default();
     }
 
     pub fn marks(&self) -> &Marks {

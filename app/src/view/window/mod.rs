@@ -236,7 +236,8 @@ impl App<'_> {
         // egui must get every event, because the panels depend on it.
         running.asked |= running.window.with(|window| running.input.on_window_event(window, &event).repaint);
         match event {
-            WindowEvent::CloseRequested => self.end(target, Ok(())),
+            WindowEvent::CloseRequested if running.may_close() => self.end(target, Ok(())),
+            WindowEvent::CloseRequested => running.asked = true,
             WindowEvent::Resized(size) => {
                 if let Some(canvas) = running.shell.window_mut().device_mut() {
                     canvas.resize_window(size.width, size.height);

@@ -340,6 +340,17 @@ impl Running {
         saved.map(drop)
     }
 
+    /// Returns true if nothing is unsaved, or the user was told what is. Otherwise, tells the user.
+    pub fn may_close(&mut self) -> bool {
+        let Some(unsaved) = self.shell.viewer.unsaved() else { return true };
+        let text = format!("Not saved: {unsaved}. Close the window again to discard.");
+        let told = self.shell.panels.notice() == Some(&text);
+        if !told {
+            self.shell.panels.show_notice(text);
+        }
+        told
+    }
+
     /// Waits for a file that is being written: the process may end without waiting for its threads.
     pub fn finish_export(&mut self) {
         if let Some(event @ Event::FileFailed { .. }) = self.shell.viewer.finish_export() {
