@@ -17,8 +17,8 @@ pub struct LookAtArgs {
     /// Point to look at [default: the middle of the scene; for a panorama, that direction along the horizon]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
     target: Option<[f64; 3]>,
-    /// World direction that points up in the picture [default: the scene's, or 0,-1,0]
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = direction, conflicts_with = "cameras")]
+    /// World direction that points up in the picture: an axis such as z or -y, or a vector [default: the scene's, or -y]
+    #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true, value_parser = direction, conflicts_with = "cameras")]
     up: Option<[f64; 3]>,
     /// Horizontal field of view, in degrees: up to 179, or 360 for a fisheye [default: 60 across the longer side]
     #[arg(long, value_name = "DEGREES", value_parser = angle, conflicts_with = "cameras")]
@@ -39,10 +39,18 @@ pub fn point(text: &str) -> Result<[f64; 3], String> {
     values.ok_or_else(|| "expected three numbers, for instance 1,-0.5,2".into())
 }
 
+/// Parses a direction: three numbers, or an axis with or without a sign, such as `z` or `-y`.
 pub fn direction(text: &str) -> Result<[f64; 3], String> {
+    let axis = match text.trim_start_matches(['+', '-']) {
+        "x" => Some([1.0, 0.0, 0.0]),
+        "y" => Some([0.0, 1.0, 0.0]),
+        "z" => Some([0.0, 0.0, 1.0]),
+        _ => None,
+    };
+    let sign = if text.starts_with('-') { -1.0 } else { 1.0 };
     let has_length = |v: &[f64; 3]| DVec3::from(*v).try_normalize().is_some();
-    let found = point(text).ok().filter(has_length);
-    found.ok_or_else(|| "expected three numbers that are not all 0, for instance 0,0,1".into())
+    let found = axis.map(|axis| axis.map(|v| sign * v)).or_else(|| point(text).ok().filter(has_length));
+    found.ok_or_else(|| "expected an axis such as z or -y, or three numbers that are not all 0".into())
 }
 
 /// Parses a field of view, in degrees. [`LookAtArgs::circle`] checks the limit of each projection.
@@ -342,9 +350,13 @@ mod tests {
             said("--eye 1,2,3 --target 1,2,3")
                 .contains("expected different points for --eye and --target, found the same: [1, 2, 3]")
         );
-        for none in ["0,0,0", "1e-320,0,0", "1,2"] {
+        assert_eq!(
+            ["-y", "+z", "x"].map(|axis| direction(axis).unwrap()),
+            [[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
+        );
+        for none in ["0,0,0", "1e-320,0,0", "1,2", "w"] {
             let said = parse(&format!("--up {none}")).unwrap_err();
-            assert!(said.contains("expected three numbers that are not all 0"), "{said}");
+            assert!(said.contains("or three numbers that are not all 0"), "{said}");
         }
         assert!(said("--eye 1e30,0,0").contains("expected a position within 1e18"));
         assert!(parse("--eye 1,2").unwrap_err().contains("expected three numbers"));
