@@ -11,6 +11,7 @@ use crate::scene::{FileNotes, Scene};
 use crate::similarity::Similarity;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+use std::f64::consts::TAU;
 
 /// A camera. Unknown fields of the file are ignored, but [`Dataset`](crate::Dataset) refuses a lens with distortion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -196,7 +197,18 @@ impl Camera {
     /// It looks along +z and 12 degrees down (+y), rotated so that `up` is up, from a distance at which the box
     /// [`Scene::robust_bounds`] fits with a margin of 8 %, but at least 1 unit. The field of view is 60 degrees across
     /// the longer side, or less for a scene that would be small at a distance of 1 unit.
-    pub fn framing_upright(scene: &Scene, up: [f64; 3], (width, height): (u32, u32)) -> Self {
+    pub fn framing_upright(scene: &Scene, up: [f64; 3], size: (u32, u32)) -> Self {
+        Self::framing_turns(scene, up, size, 1)
+    }
+
+    /// Creates a camera as [`Camera::framing_upright`] does, at a distance from which the box fits on a whole circle around
+    /// the axis `up`.
+    pub fn framing_around(scene: &Scene, up: [f64; 3], size: (u32, u32)) -> Self {
+        Self::framing_turns(scene, up, size, 120)
+    }
+
+    /// Creates a camera that frames the scene from `turns` places at equal steps on a circle around the axis `up`.
+    fn framing_turns(scene: &Scene, up: [f64; 3], (width, height): (u32, u32), turns: u32) -> Self {
         /// Downward slope of the view, in degrees.
         const PITCH: f64 = 12.0;
         /// Share of the image that the box may fill.
@@ -219,16 +231,23 @@ impl Camera {
         };
         let mut camera = Self::looking_at_upright([0.0; 3], forward.into(), up, horizontal, (width, height));
         let [tan_x, tan_y] = [width, height].map(|side| FILL * 0.5 * f64::from(side) / focal);
+        let axis = glam::DVec3::from(up).normalize_or(glam::DVec3::NEG_Y);
+        let corners: Vec<[f64; 3]> = (0..turns)
+            .map(|turn| glam::DQuat::from_axis_angle(axis, TAU * f64::from(turn) / f64::from(turns)))
+            .flat_map(|turn| {
+                bounds.corners().map(|corner| turn * (glam::DVec3::from(corner) - center)).map(Into::into)
+            })
+            .collect();
         // The smallest distance at which every corner is inside the view frustum.
-        let distance = bounds.corners().into_iter().fold(0.0, |distance: f64, corner| {
-            let v = camera.to_view((glam::DVec3::from(corner) - center).into());
+        let distance = corners.iter().fold(0.0, |distance: f64, corner| {
+            let v = camera.to_view(*corner);
             distance.max(v[0].abs() / tan_x - v[2]).max(v[1].abs() / tan_y - v[2])
         });
         if distance < CLOSEST {
             // Splats can extend far beyond the box of their centres, so the box gets a margin of 3 standard deviations.
             let margin = 3.0 * f64::from(scene.median_size());
-            let share = bounds.corners().into_iter().fold(0.0, |share: f64, corner| {
-                let [x, y, z] = camera.to_view((glam::DVec3::from(corner) - center).into());
+            let share = corners.iter().fold(0.0, |share: f64, corner| {
+                let [x, y, z] = camera.to_view(*corner);
                 share.max(((x.abs() + margin) / tan_x).max((y.abs() + margin) / tan_y) / (CLOSEST + z))
             });
             // A scene without any extent keeps the usual field of view.

@@ -90,7 +90,8 @@ impl LookAtArgs {
         projection: Projection,
     ) -> Result<Option<Vec<Camera>>, Usage> {
         let Some(names) = self.names() else { return Ok(None) };
-        let cameras = on_circle(&self.circle(scene, size, projection)?, names.len()).into_iter().zip(names);
+        let circle = self.circle(scene, size, projection, names.len() > 1)?;
+        let cameras = on_circle(&circle, names.len()).into_iter().zip(names);
         Ok(Some(cameras.map(|(camera, img_name)| Camera { img_name, ..camera }).collect()))
     }
 
@@ -123,8 +124,9 @@ impl LookAtArgs {
 
     /// Computes the circle through the eye around the axis `--up`, in the scene's coordinates.
     ///
-    /// Without `--eye`, the first camera has the position of [`Camera::framing_upright`], and also its enlargement of a
-    /// small scene unless `--fov` or `--target` is given.
+    /// Without `--eye`, the first camera has the position of [`Camera::framing_upright`], or of
+    /// [`Camera::framing_around`] if the camera `turns`, and also its enlargement of a small scene unless `--fov` or
+    /// `--target` is given.
     ///
     /// # Errors
     /// The eye and the target coincide, or are too far away to draw. `--fov` is invalid for the projection.
@@ -133,12 +135,14 @@ impl LookAtArgs {
         scene: &Scene,
         size: Option<(u32, u32)>,
         projection: Projection,
+        turns: bool,
     ) -> Result<Orbit, Usage> {
         let size = size.unwrap_or_else(|| projection::default_size(projection, facts::DEFAULT_SIZE));
         let local = |place: [f64; 3]| DVec3::from(place) - DVec3::from(scene.offset());
         let target = self.target.map_or_else(|| DVec3::from(scene.robust_bounds().center()), local);
         let up = self.up.unwrap_or(scene.up());
-        let framing = self.eye.is_none().then(|| Camera::framing_upright(scene, up, size));
+        let framed = if turns { Camera::framing_around } else { Camera::framing_upright };
+        let framing = self.eye.is_none().then(|| framed(scene, up, size));
         let eye = framing.as_ref().map_or(DVec3::ZERO, |camera| camera.position.into());
         let eye = self.eye.map_or(eye, local);
         if eye.distance(target) < 1e-9 * eye.length().max(1.0) {
@@ -288,7 +292,8 @@ mod tests {
         }
         let small = scene.transformed(&Similarity { scale: 1e-3, ..Similarity::IDENTITY }).unwrap();
         for size in [(300, 600), (600, 300)] {
-            let made = |words: &str| parse(words).unwrap().circle(&small, Some(size), Projection::Pinhole);
+            let made =
+                |words: &str| parse(words).unwrap().circle(&small, Some(size), Projection::Pinhole, false);
             let (start, framing) =
                 (made("--orbit 1").unwrap().start, Camera::framing(&small, size.0, size.1));
             assert!((start.fx / framing.fx - 1.0).abs() < 1e-9 && enlargement(&framing) > 100.0, "{size:?}");
@@ -298,6 +303,21 @@ mod tests {
             }
         }
         assert_eq!(enlargement(&Camera::framing(&scene, 960, 540)), 1.0);
+        // A long scene is farther away at its sides, and whole in every picture of the circle.
+        let long = synth::generate("uniform", 500, 0).unwrap();
+        let long = Scene::joined(&[0.0, 4.0, 8.0].map(|x| {
+            let translation = DVec3::new(x, 0.0, 0.0);
+            long.transformed(&Similarity { translation, ..Similarity::IDENTITY }).unwrap()
+        }));
+        let long = long.unwrap();
+        for camera in parse("--orbit 8").unwrap().cameras(&long, None, Projection::Pinhole).unwrap().unwrap()
+        {
+            for corner in long.robust_bounds().corners() {
+                let [x, y, z] = camera.to_view(corner);
+                let (x, y) = (camera.fx * x / z, camera.fy * y / z);
+                assert!(z > 0.0 && x.abs() < 480.0 && y.abs() < 270.0, "{}: {x}, {y}", camera.img_name);
+            }
+        }
         for up in [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]] {
             let look = parse(&format!("--orbit 4 --up {},{},{}", up[0], up[1], up[2])).unwrap();
             let cameras = look.cameras(&scene, None, Projection::Pinhole).unwrap().unwrap();

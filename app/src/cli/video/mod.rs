@@ -243,7 +243,7 @@ fn motion(
                 Orbit::before(own, scene.robust_bounds().center())
             }
             None => {
-                let orbit = args.look.circle(scene, args.drawing.size, graph)?;
+                let orbit = args.look.circle(scene, args.drawing.size, graph, true)?;
                 Orbit { start: args.look.scaled(orbit.start)?, ..orbit }
             }
         }));
