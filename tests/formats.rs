@@ -60,8 +60,8 @@ fn a_conversion_between_two_ply_files_says_what_activation_loses() {
     let text = place.done("convert trained.ply same.ply");
     for lost in [
         "lost: properties that splats do not have: segment, gain\n",
-        "lost: the lengths of quaternions: 500 other than 1, in a range of 2.000 to 2.000",
-        "lost: logits above 9.9, in 1 splat: rounded",
+        "lost, but in no picture: the lengths of quaternions: 500 other than 1, in a range of 2.000 to 2.000",
+        "lost, but in no picture: logits above 9.9, in 1 splat: rounded",
     ] {
         assert!(text.contains(lost), "{lost}: {text}");
     }

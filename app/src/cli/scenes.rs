@@ -9,7 +9,8 @@ use crate::draw::fit::{self, Target, Wanted};
 use crate::draw::session::Session;
 use crate::draw::storage::StorageError;
 use crate::io::load::LoadOptions;
-use crate::io::output::OutputGuard;
+use crate::io::output::{OutputGuard, say};
+use crate::io::scene_file;
 use anyhow::{Error, Result};
 use splatgraph_api::{Device, DeviceInfo};
 use splatgraph_assets::{Camera, Content, Scene, SceneHeader, Similarity};
@@ -108,6 +109,8 @@ impl ScenesArgs {
                 all.extend(last);
                 let joined = Scene::joined(&all)?;
                 loading::tell_mixed_tags("all scenes", &joined);
+                let ups = all.iter().filter_map(|scene| scene.notes().up.filter(|_| joined.notes().mixed.up));
+                ups.filter_map(scene_file::lost_up).for_each(say);
                 joined
             }
         };

@@ -1,10 +1,12 @@
 //! Writes scene files: the format follows from the file's extension, bytes are counted, and losses are listed.
 
 use super::output::{self, OutputError};
+use glam::DQuat;
 use splatgraph_assets::{
     Dropped, FileNotes, Progress, QuaternionNorms, SH_C0, Scene, SceneFormat, SizeBreakdown, SortKey,
     SpzVersion, grouped, rounded, sh_floats,
 };
+use std::f64::consts::PI;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -250,6 +252,27 @@ fn fraction(step: f64) -> String {
     if step < 1.0 { format!("1/{}", 1.0 / step) } else { step.to_string() }
 }
 
+/// Describes how a scene with this up direction is shown without the tag, and the rotation that turns it upright. `None`
+/// for the direction of files without a tag.
+pub fn lost_up(up: [f64; 3]) -> Option<String> {
+    let turn = match up[1] > 0.999_999 {
+        true => DQuat::from_rotation_x(PI),
+        false => DQuat::from_rotation_arc(up.into(), FileNotes::UP.into()),
+    };
+    let (axis, angle) = turn.to_axis_angle();
+    let degrees = angle.to_degrees();
+    let view = if degrees > 135.0 { "is shown upside down" } else { "lies on its side" };
+    // `+ 0.0` avoids "-0".
+    let [x, y, z, degrees] = [axis.x, axis.y, axis.z, degrees].map(|v| (v * 1e4).round() / 1e4 + 0.0);
+    (degrees > 1.0).then(|| {
+        format!(
+            "the tag up {},{},{}: without it, the scene {view}; `convert --transform rotate:{x},{y},{z},{degrees}` turns \
+             it upright",
+            up[0], up[1], up[2]
+        )
+    })
+}
+
 /// Counts the values that a format clips.
 fn clipped(scene: &Scene, format: SceneFormat) -> Vec<String> {
     // Limits of the scales' logarithms, of band 0, and of the higher bands. Values within half a step of a limit are
@@ -285,9 +308,12 @@ pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
     let mut losses = Vec::new();
     let kept = format.kept_tags(scene.notes()).tags();
     let lost = scene.notes().tags().into_iter().filter(|tag| !kept.contains(tag));
-    losses.extend(lost.map(|(tag, value)| match kept.iter().find(|(other, _)| *other == tag) {
-        Some((_, other)) => format!("the tag {tag} {value}: the file has {other} instead, another rule"),
-        None => format!("the tag {tag} {value}"),
+    losses.extend(lost.filter_map(|(tag, value)| match kept.iter().find(|(other, _)| *other == tag) {
+        Some((_, other)) => {
+            Some(format!("the tag {tag} {value}: the file has {other} instead, another rule"))
+        }
+        None if tag == "up" => scene.notes().up.and_then(lost_up),
+        None => Some(format!("the tag {tag} {value}")),
     }));
     losses.extend(
         scene.notes().mixed_tags().map(|tags| format!("tags in which the merged scenes differ: {tags}")),
@@ -346,9 +372,6 @@ impl Original {
         }
         losses.extend(missing(written, format));
         let rounded = format.losses(to);
-        if rounded.is_empty() {
-            losses.extend(self.activated(written));
-        }
         // The actual step replaces the description of the format's steps.
         let positions = losses.iter().any(|loss| loss.starts_with("positions: steps"));
         let usual = rounded.into_iter().filter(|usual| !(positions && usual.starts_with("positions:")));
@@ -356,9 +379,13 @@ impl Original {
         losses
     }
 
-    /// Lists what activation loses. Pictures do not change, but training that continues from the file may.
-    fn activated(&self, written: &Scene) -> Vec<String> {
+    /// Lists losses that no picture shows, but training that continues from the file may: activation rounds values that
+    /// the format could store. Empty for a format that rounds all values.
+    pub fn invisible(&self, written: &Scene, format: SceneFormat) -> Vec<String> {
         let mut losses = Vec::new();
+        if !format.losses(written.stored_degree()).is_empty() {
+            return losses;
+        }
         let QuaternionNorms { min, max, far_from_unit } = self.norms;
         if far_from_unit > 0 {
             let count = grouped(far_from_unit);
@@ -484,6 +511,23 @@ mod tests {
         assert_eq!(said(SceneFormat::CompressedPly), Some(text("450") + rounded));
         assert_eq!(said(SceneFormat::Spz), None);
         assert_eq!(empty_bands(&scene.cut_to_degree(0).unwrap(), SceneFormat::Ply), None);
+    }
+
+    #[test]
+    fn a_lost_up_direction_is_reported_with_the_rotation_that_makes_up_for_it() {
+        let lost = |up| {
+            let notes = FileNotes { up: Some(up), ..FileNotes::default() };
+            let scene = Scene::generate(10, 0, |index| splat(spread(index))).with_notes(notes);
+            missing(&scene, SceneFormat::Spz)
+        };
+        let said = |text: &str, rotation: &str| {
+            [format!("{text}; `convert --transform rotate:{rotation}` turns it upright")]
+        };
+        let side = "the tag up 0,0,1: without it, the scene lies on its side";
+        assert_eq!(lost([0.0, 0.0, 1.0]), said(side, "1,0,0,90"));
+        let down = "the tag up 0,1,0: without it, the scene is shown upside down";
+        assert_eq!(lost([0.0, 1.0, 0.0]), said(down, "1,0,0,180"));
+        assert!(lost([0.0, -1.0, 0.0]).is_empty(), "readers assume it");
     }
 
     #[test]

@@ -148,6 +148,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     for loss in before.losses(&scene, format) {
         stdout.line(&format!("  lost: {loss}"))?;
     }
+    for loss in before.invisible(&scene, format) {
+        stdout.line(&format!("  lost, but in no picture: {loss}"))?;
+    }
     if let Some(empty) = scene_file::empty_bands(&scene, format) {
         stdout.line(&format!("  {empty}"))?;
     }
