@@ -32,6 +32,11 @@ fn displayed<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Erro
     serializer.collect_str(&path.display())
 }
 
+/// Completes a path that is relative to the working directory, as generated names are.
+fn whole(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+}
+
 /// A cause of a build.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Cause {
@@ -67,7 +72,7 @@ impl fmt::Display for Cause {
             Cause::Parameter(name) => f.write_str(name),
             Cause::Graph => f.write_str("another graph"),
             Cause::Size => f.write_str("another size"),
-            Cause::Scene => f.write_str("another scene"),
+            Cause::Scene => f.write_str("a change of the scene"),
             Cause::Memory => f.write_str("memory sharing"),
             Cause::Prologue => f.write_str("the prologue"),
             Cause::Device => f.write_str("another device"),
@@ -347,9 +352,7 @@ impl fmt::Display for Event {
                 write!(f, "{name} was reopened at attempt {attempts}")
             }
             Event::Screenshot { path } | Event::Saved { path } => {
-                // Generated names are relative to the working directory.
-                let path = std::path::absolute(path).unwrap_or_else(|_| path.clone());
-                write!(f, "{} written", path.display())
+                write!(f, "{} written", whole(path).display())
             }
             Event::Marked { selected, hidden } => {
                 let count = |count: u32| splatgraph_assets::grouped(count.into());
@@ -357,6 +360,7 @@ impl fmt::Display for Event {
             }
             Event::Exported { path, splats, bytes, lost } => {
                 let count = splatgraph_assets::grouped;
+                let path = whole(path);
                 write!(f, "{}: {} splats, {} bytes", path.display(), count((*splats).into()), count(*bytes))?;
                 if lost.is_empty() { Ok(()) } else { write!(f, "; lost: {}", lost.join("; ")) }
             }
@@ -379,9 +383,9 @@ mod tests {
         causes.add([Cause::Scene, Cause::Size].into_iter().collect());
         causes.add(Cause::File("shaders/splat.frag".into()).into());
         assert!(causes.contains(&Cause::Size) && causes.contains(&Cause::Scene));
-        assert_eq!(causes.to_string(), "another size, another scene, splat.frag");
+        assert_eq!(causes.to_string(), "another size, a change of the scene, splat.frag");
         let json = serde_json::to_string(&causes).unwrap();
-        assert_eq!(json, r#"["another size","another scene","splat.frag"]"#);
+        assert_eq!(json, r#"["another size","a change of the scene","splat.frag"]"#);
     }
 
     #[cfg(unix)]

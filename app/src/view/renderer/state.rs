@@ -179,7 +179,7 @@ mod tests {
             PlanInputs { scene: scene(10), catalog: Arc::default(), size: (64, 36), share_memory: true };
         let both = PlanInputs { scene: scene(20), size: (32, 18), ..former.clone() };
         assert_eq!(former.differs(&former), Causes::default());
-        assert_eq!(both.differs(&former).to_string(), "another scene, another size");
+        assert_eq!(both.differs(&former).to_string(), "a change of the scene, another size");
         // The build for the scene is cancelled in favour of one for the new size.
         let mut state: LastGood<(), ()> = LastGood::new();
         let mut build = |causes: Causes, asked| PendingBuild { causes, asked, attempt: state.asked(asked) };
@@ -190,7 +190,7 @@ mod tests {
         let next = former.with(newer);
         assert_eq!(
             (next.causes.to_string().as_str(), next.attempt),
-            ("another scene, another size", attempt)
+            ("a change of the scene, another size", attempt)
         );
     }
 }
