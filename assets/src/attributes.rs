@@ -1,8 +1,7 @@
-//! Writes the attributes of a scene's splats and mesh as bytes for GPU buffers.
+//! Writes attributes of splats and meshes as little-endian bytes for GPU buffers, and hashes scenes.
 //!
-//! Attributes are requested by name. Their bytes are little-endian, one entry per splat, and written in parallel. The
-//! 48 floats of spherical harmonics are split into *planes* of four, so that each buffer has 16 bytes per splat. A
-//! lower degree needs fewer planes.
+//! An attribute of splats has one entry per splat; an attribute of the mesh, one per element of its list. Spherical
+//! harmonics (up to 48 floats per splat) are split into *planes* of four floats, each for a buffer of its own.
 
 use crate::error::nearest;
 use crate::mesh::{MESH_ATTRIBUTES, Mesh};

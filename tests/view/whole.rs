@@ -277,10 +277,10 @@ impl TestShell {
         shell.viewer.busy() || shell.window().busy() || shell.window().size() != self.size
     }
 
-    /// Restores all shipped files, and draws until everything shown is built from them.
+    /// Restores all shipped files, and draws frames until every plan shown is built from them.
     ///
-    /// The graphs' summaries get `number`, and are written last. A plan with this number was built after all files were
-    /// restored.
+    /// All viewports must show `splat`. Its file and the window's are written last, with `number` before their
+    /// summaries: a plan whose summary begins with the number of this call was built from the restored files.
     #[cfg(target_os = "linux")]
     pub fn restore(&mut self, number: u64) {
         let marked = ["pipelines/splat.ron", "pipelines/view/window.ron"];

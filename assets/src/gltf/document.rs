@@ -191,7 +191,7 @@ pub(super) struct Splats<'a> {
 }
 
 impl Document {
-    /// Parses the JSON. Fails if it requires extensions that this reader does not know.
+    /// Parses the JSON. Fails if it requires any extension besides those for splats and `KHR_mesh_quantization`.
     pub(super) fn parse(text: &[u8]) -> Result<Self, SceneError> {
         let document = Self::read(text)?;
         let unknown = |name: &&String| {

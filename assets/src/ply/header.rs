@@ -91,8 +91,10 @@ impl Element {
         ))
     }
 
-    /// Computes the size breakdown of the element. `sizes` has the bytes of each property, summed over all rows;
-    /// `bytes` is the total with separators. Words of text vary in length, like lists.
+    /// Computes the size breakdown of the element. Lists, and words of text files, have no fixed bytes per row.
+    ///
+    /// `sizes` has the bytes of each property, summed over all rows; `bytes` is the total with separators. `used` gets
+    /// the index of a property, and returns true if the reader uses the property.
     pub(crate) fn size(
         &self,
         encoding: Encoding,

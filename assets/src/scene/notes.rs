@@ -104,8 +104,7 @@ impl FileNotes {
         self.low_pass != Filter::Dilated
     }
 
-    /// Lists the nodes and meshes that were left out and the opacities that were changed, one phrase each if there are
-    /// any.
+    /// Counts inner nodes and mesh primitives that were not read, and clamped opacities: a phrase per nonzero count.
     pub fn left_out(&self) -> Vec<String> {
         let counted = [
             (self.lod_nodes, "nodes of a tree of levels of detail above its leaves"),
@@ -116,7 +115,7 @@ impl FileNotes {
         counted.chain(self.mesh_left_out()).collect()
     }
 
-    /// Describes the meshes beside the splats that were left out, if there are any.
+    /// Reports how many mesh primitives of the splats' file were not read. `None` if there are none.
     pub fn mesh_left_out(&self) -> Option<String> {
         let count = self.mesh_primitives;
         (count > 0).then(|| {

@@ -58,12 +58,12 @@ pub(super) struct Reach {
     pub hidden: Option<Hidden>,
 }
 
-/// A parameter that another one needs, in an include that exposes only the other one.
+/// A parameter that an exposed parameter depends on, but that the include neither exposes nor sets.
 #[derive(Debug)]
 pub(super) struct Hidden {
     pub name: String,
     pub declared: Span,
-    /// The place of the other parameter in `expose`.
+    /// The place of the exposed parameter in `expose`.
     pub exposed: Span,
 }
 

@@ -147,7 +147,7 @@ pub struct Finding {
     /// True for an image, false for a buffer.
     #[serde(skip)]
     pub is_image: bool,
-    /// Type of the words that the shaders declare; only for buffers.
+    /// Type of a buffer's words: `Float` if the shaders declare only floats. `Uint` otherwise, and for images.
     #[serde(skip)]
     pub declared: ReadAs,
     /// Contents as 32-bit words.
@@ -207,7 +207,7 @@ impl Finding {
         }
     }
 
-    /// Converts the words of a buffer to the declared type.
+    /// Reinterprets a buffer's words as floats if the shaders declare floats; otherwise, returns the words unchanged.
     fn declared_words(&self) -> Cow<'_, Words> {
         match &self.words {
             Words::Uint(words) if self.declared == ReadAs::Float => {

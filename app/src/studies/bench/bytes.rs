@@ -6,8 +6,9 @@ use std::collections::BTreeMap;
 
 /// Sums the declared sizes of the buffers and images that a pass accesses: once if read, and once if written.
 ///
-/// A target that is cleared is not read. The sum underestimates a pass that reads data several times, and overestimates
-/// a pass that uses only a part of its buffers, such as a sort of the visible splats.
+/// Exports count only the plan's statistics. A target that is cleared is not read. The sum underestimates a pass that
+/// reads data several times, and overestimates a pass that uses only a part of its buffers, such as a sort of the
+/// visible splats.
 pub fn of_pass(plan: &Plan, pass: &Pass) -> u64 {
     if let Work::Export = pass.work {
         // Measured frames export only statistics: 4 bytes each, read once and written once.

@@ -306,7 +306,7 @@ fn in_order(pair: &Pair, submitted: &[Submitted], first: (usize, usize), second:
     }
 }
 
-/// Submits the prologue and the frames, and finds the parts that are complete when each encoder begins.
+/// Replays the prologue and [`FRAMES`] frames; records which parts are complete when each encoder begins.
 fn submit(encoders: &Encoders) -> Vec<Submitted<'_>> {
     let frames =
         (0..FRAMES).flat_map(|frame| encoders.frame.iter().map(move |encoding| (encoding, Some(frame))));
