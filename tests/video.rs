@@ -130,6 +130,13 @@ fn a_film_on_standard_output_is_a_y4m_and_a_reader_that_leaves_is_no_error() {
     assert!(piped.status.success());
     assert!(piped.stdout == place.bytes("film.y4m"));
     assert!(String::from_utf8_lossy(&piped.stderr).contains("standard output: 4 frames of 48 x 27"));
+    // Encoders refuse odd sizes, which keys of a window may have.
+    place.done("render scene.ply -c cameras.json --size 49x27 -o stills/ --write-cameras odd.json");
+    let odd = place.run("video scene.ply -c odd.json --seconds=0.1 --fps=10 -o odd.y4m");
+    assert!(
+        String::from_utf8_lossy(&odd.stderr).contains("encoders expect even numbers, the keys have 49 x 27")
+    );
+    assert!(place.bytes("odd.y4m").starts_with(b"YUV4MPEG2 W50 H28 "));
     let large = LINE.replace("--size=48x27", "--size=640x360");
     let mut child = place
         .program(&format!("{large} -"))
@@ -219,6 +226,7 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
         &[
             ("film.mp4", 2, no_encoder),
             ("film.gif --format=png", 2, "--format is for the pictures of a folder"),
+            ("rgba=film.apng", 2, "expected a film, found the output `rgba`"),
             ("film.gif --shutter=0.5", 2, "--samples"),
             ("film.gif --orbit=4", 2, "cannot be used with"),
             ("cameras.json/x.gif", 2, "which cannot be written: Not a directory"),

@@ -14,6 +14,7 @@ use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
 use crate::draw::film::{self, DrawOptions, Film, Motion};
 use crate::draw::orbit::{self, Orbit};
 use crate::draw::projection;
+use crate::draw::outputs::{NAMES, RGBA};
 use crate::draw::session::Session;
 use crate::io::film::{Format, Rate};
 use crate::io::image;
@@ -24,10 +25,12 @@ use crate::io::report::text;
 use crate::studies::measurement::plans;
 use anyhow::{Context, Result, anyhow, bail};
 use sequence::Sequence;
+use clap::builder::{OsStringValueParser, TypedValueParser};
 use serde_json::json;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Projection, Scene, grouped};
 use std::path::{Path, PathBuf};
+use std::ffi::OsString;
 use std::time::Instant;
 
 const EXAMPLES: &str = "Examples:
@@ -51,7 +54,7 @@ pub struct Args {
     /// A name without extension is a folder with 00000.png, 00001.png, ..., and film.json, which describes the film.
     /// Repeating the command draws the missing frames. A .y4m is uncompressed video for encoders: 4:2:0, BT.709. `-`
     /// writes .y4m to standard output. Files and pictures are never partial.
-    #[arg(short, long, value_name = "OUT")]
+    #[arg(short, long, value_name = "OUT", value_parser = OsStringValueParser::new().try_map(film_path))]
     output: PathBuf,
     /// Format of the pictures in a folder [default: png]
     #[arg(long, value_name = "png|exr|npy")]
@@ -97,6 +100,20 @@ const MAX_FRAMES: u32 = 100_000;
 const SHUTTER: f64 = 0.5;
 
 fn seconds(text: &str) -> Result<f64, String> {
+/// Parses the path of a film. `NAME=FILE` with an output of `render` is refused: films have only their pictures.
+fn film_path(text: OsString) -> Result<PathBuf, String> {
+    let name = text.to_str().and_then(|text| text.split_once('=')).map(|(name, _)| name);
+    match name.filter(|name| NAMES.iter().chain([&RGBA]).any(|(output, _)| output == name)) {
+        Some(name) => Err(format!(
+            "expected a film, found the output `{name}`, which `render` writes for each picture: `render --orbit 60 -o \
+             {name}=turn.{}`; a film of that name is `./{}`",
+            if name == RGBA.0 { "png" } else { "npy" },
+            text.display()
+        )),
+        None => Ok(text.into()),
+    }
+}
+
     let seconds = text.parse().ok().filter(|seconds| SECONDS.contains(seconds));
     seconds.ok_or_else(|| format!("expected {} to {} seconds", SECONDS.start(), SECONDS.end()))
 }
@@ -220,17 +237,24 @@ fn check_keys(args: &Args, keys: &[Camera]) -> Result<()> {
     Ok(())
 }
 
-/// Makes the camera motion, in the scene's coordinates. `own` is the demo scene's camera.
+/// Makes the camera motion, in the scene's coordinates. `own` is the demo scene's camera. With `even`, keys that have an
+/// odd width or height get one pixel more, unless a size was requested.
 fn motion(
     args: &Args,
     keys: Option<&[Camera]>,
+    even: bool,
     scene: &Scene,
     own: Option<Camera>,
     graph: Projection,
 ) -> Result<Motion> {
     let sized = |camera: &Camera| match args.drawing.size {
         Some((width, height)) => camera.resized(width, height),
-        None => projection::shaped(camera, graph),
+        None => {
+            let camera = projection::shaped(camera, graph);
+            let (width, height) = (camera.width.next_multiple_of(2), camera.height.next_multiple_of(2));
+            let is_odd = (width, height) != (camera.width, camera.height);
+            if even && is_odd { camera.resized(width, height) } else { camera }
+        }
     };
     let Some(keys) = keys else {
         return Ok(Motion::Orbit(match own.filter(|_| !args.look.has_camera()) {
@@ -265,7 +289,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     let (device, (scene, own)) = loading::open_and_load(open, |cancel| args.scenes.load(cancel))?;
     let graph = args.projection(keys.as_deref().unwrap_or_default());
-    let motion = motion(args, keys.as_deref(), &scene, own, graph)?;
+    // Encoders subsample the colours of a Y4M by two.
+    let even = matches!(destination, Destination::File(_, Format::Y4m));
+    let motion = motion(args, even, keys.as_deref(), &scene, own, graph)?;
     let film = Film { motion, frames, samples: args.samples, shutter: args.shutter.unwrap_or(SHUTTER) };
     if let Some(path) = &args.write_cameras {
         let named = |frame: u32| {
@@ -285,6 +311,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let first = cameras.first().context("a film without a camera")?;
     let size = (first.width, first.height);
     cameras::tell_shape(&[first.projected(graph, session.scene())]);
+    let own = keys.as_deref().unwrap_or_default().first().filter(|_| even && args.drawing.size.is_none());
+    if let Some(own) = own.filter(|own| own.width % 2 + own.height % 2 > 0) {
+        say(format!(
+            "frames of {} x {}: encoders expect even numbers, the keys have {} x {}; --size chooses another size",
+            size.0, size.1, own.width, own.height
+        ));
+    }
     prepare_plan(&mut session, first)?;
     session.settings_without_effect().iter().for_each(say);
     claim_graph_files(&mut guard, &session.files())?;
