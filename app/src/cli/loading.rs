@@ -221,7 +221,7 @@ pub fn in_scene(cameras: &[Camera], scene: &Scene) -> Vec<Camera> {
 
 /// Describes the cameras that are more than ten extents from the scene and look elsewhere, as cameras of other
 /// coordinates do. `None` if there are none.
-fn stray_cameras(cameras: &[Camera], scene: &Scene) -> Option<String> {
+pub fn stray_cameras(cameras: &[Camera], scene: &Scene) -> Option<String> {
     let bounds = scene.robust_bounds();
     let distance = |camera: &Camera| camera.distance_elsewhere(&bounds, 10.0 * bounds.extent());
     let distances: Vec<f64> = cameras.iter().filter_map(distance).collect();

@@ -150,6 +150,12 @@ impl CameraStats {
         self.counts.get(name)?.as_u64()
     }
 
+    /// Returns true if the scene has splats and none was visible in the last frame.
+    pub fn sees_nothing(&self) -> bool {
+        let is_none = |(name, count): &(String, u32)| name == VISIBLE && *count == 0;
+        self.loaded.is_some_and(|loaded| loaded > 0) && self.stats.iter().any(is_none)
+    }
+
     /// Formats a summary line: `153,746 of 200,000 splats visible, 1.234 ms on ... (key 0.2, sort 0.6, draw 0.4)`.
     ///
     /// Statistics of a user's graph follow the splats, such as `in_view 153,746`. The splats are omitted if the graph

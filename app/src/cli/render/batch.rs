@@ -35,6 +35,8 @@ pub struct Batch {
     /// Each picture whose pixels are in the device's memory has a clone of the sender.
     pixels: (Sender<Infallible>, Receiver<Infallible>),
     done: Vec<CameraStats>,
+    /// Number of cameras that saw no splat.
+    pub blind: usize,
     /// Cameras that are not drawn, by error.
     skipped: Vec<(SessionError, Vec<String>)>,
     /// Sizes for which no plan can be loaded, each with the index of its error in `skipped`.
@@ -72,6 +74,7 @@ impl Batch {
             pictures: Pictures::new(jobs),
             pixels: channel(),
             done: Vec::new(),
+            blind: 0,
             skipped: Vec::new(),
             refused: HashMap::new(),
         }
@@ -209,6 +212,7 @@ impl Batch {
         if self.reads_picture() && output.is_none() {
             bail!("the device returned no picture");
         }
+        self.blind += usize::from(stats.sees_nothing());
         let (files, cameras) = &self.files;
         let files: Vec<(String, PathBuf)> =
             files.iter().map(|(name, file)| (name.clone(), per_camera(file, &stem, *cameras))).collect();
@@ -238,7 +242,12 @@ impl Batch {
                     image.save_as(destination.format(), &path)?;
                     format!("{}: {} x {}, {}", path.display(), image.width, image.height, stats.line())
                 }
-                _ => format!("{}: {}", one_line(&stats.camera), stats.line()),
+                _ => {
+                    let written: Vec<String> =
+                        files.iter().map(|(_, path)| path.display().to_string()).collect();
+                    let name = if written.is_empty() { stats.camera.clone() } else { written.join(", ") };
+                    format!("{}: {}", one_line(&name), stats.line())
+                }
             };
             Ok(Told { stats, line })
         };

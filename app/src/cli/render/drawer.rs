@@ -172,6 +172,7 @@ impl Drawer {
     /// other views are drawn first.
     pub fn draw(&mut self, args: &Args, views: &[usize]) -> Result<()> {
         let Drawer { loaded: Loaded { scene, cameras }, stems, with } = self;
+        let mut blind = 0;
         let mut progress = Progress::new("drawing");
         for (index, &view) in views.iter().enumerate() {
             let (camera, stem) = (&cameras[view], &stems[view]);
@@ -184,6 +185,7 @@ impl Drawer {
                 With::Exact { done } => {
                     let stats =
                         progress.suspend(|| draw_exactly(args, scene, (camera, stem), cameras.len()))?;
+                    blind += usize::from(stats.loaded > 0 && stats.most_contributors == 0);
                     done.push(stats);
                 }
             }
@@ -191,6 +193,16 @@ impl Drawer {
         if let With::Device { session, batch, .. } = with {
             batch.land_all(session, &progress)?;
             batch.report_skipped(views.len())?;
+            blind = std::mem::take(&mut batch.blind);
+        }
+        // Cameras of files that are far from the scene were reported when they were read.
+        if blind > 0 && (args.look.has_camera() || loading::stray_cameras(cameras, scene).is_none()) {
+            let bounds = scene.robust_bounds().in_world(scene.offset());
+            say(format!(
+                "{blind} of {} cameras see no splat: most splats are in the box {bounds}; without --cameras, --eye and \
+                 --target, the camera frames the scene",
+                views.len()
+            ));
         }
         Ok(())
     }
