@@ -78,6 +78,29 @@ fn bad_usage_exits_with_2() {
 }
 
 #[test]
+fn mistakes_of_a_beginner_are_answered_with_the_way_to_go() {
+    let place = Place::demo(500);
+    let render = "render scene.ply -o a.png --size 32x18";
+    place.refuses(
+        "",
+        &[
+            ("view scene.ply other.ply", 2, "add `--compare-scene other.ply`"),
+            ("view scene.ply --compare other.ply", 2, "found the scene other.ply: use --compare-scene"),
+            ("render scen.ply -o a.png", 1, "did you mean scene.ply?"),
+        ],
+    );
+    let errors = place.fails(&format!("{render} --flip"), 2);
+    assert!(errors.contains("'--flip'") && !errors.contains("as a value"), "{errors}");
+    for backend in ["", " --backend reference"] {
+        let seen = place.run(&format!("{render} --eye 0,0,-90 --target 0,0,-99{backend}"));
+        let errors = String::from_utf8_lossy(&seen.stderr);
+        assert!(errors.contains("1 of 1 cameras see no splat: most splats are in the box"), "{errors}");
+        let seen = place.run(&format!("{render} --eye 0,0,-90{backend}"));
+        assert!(!String::from_utf8_lossy(&seen.stderr).contains("see no splat"));
+    }
+}
+
+#[test]
 fn a_scene_that_is_none_is_an_error_and_no_panic() {
     let place = Place::empty();
     let short = "ply\nformat binary_little_endian 1.0\nelement vertex 5\nproperty float x\nend_header\n";

@@ -8,8 +8,9 @@ use crate::io::progress::Progress;
 use crate::io::scene_file;
 use crate::lsp;
 use anyhow::{Context, Result, anyhow, bail};
-use splatgraph_assets::{Camera, Content, LoadError, QUIET, Scene, SceneError};
+use splatgraph_assets::{Camera, Content, LoadError, QUIET, Scene, SceneError, SceneFormat};
 use splatgraph_framework::ir::Catalog;
+use splatgraph_framework::source::nearest;
 use std::collections::HashMap;
 use std::ops::ControlFlow;
 use std::panic::resume_unwind;
@@ -97,6 +98,23 @@ pub fn tell_mixed_tags(name: &str, scene: &Scene) {
     if let Some(tags) = scene.notes().mixed_tags() {
         say(format!("{name}: tags that are ignored, because the scenes differ in them: {tags}"));
     }
+}
+
+/// Finds a scene that was probably meant by a path that does not exist or is a folder: one with a similar name, or the
+/// only one in the folder.
+pub fn nearby(error: &LoadError) -> Option<PathBuf> {
+    let path = &error.path;
+    let folder = if path.is_dir() { path } else { path.parent()? };
+    let listed = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let files = listed.read_dir().ok()?.flatten().map(|entry| PathBuf::from(entry.file_name()));
+    let scenes: Vec<PathBuf> = files.filter(|file| SceneFormat::of_name(file).is_some()).collect();
+    if path.is_dir() {
+        return if let [only] = scenes.as_slice() { Some(folder.join(only)) } else { None };
+    }
+    let name = path.file_name().filter(|_| !path.exists())?.to_str()?;
+    let without_extension = scenes.iter().find(|scene| scene.file_stem().is_some_and(|stem| stem == name));
+    let near = || nearest(name, scenes.iter().filter_map(|scene| scene.to_str())).map(Path::new);
+    Some(folder.join(without_extension.map(PathBuf::as_path).or_else(near)?))
 }
 
 /// Loads the scene at `path`, or the demo scene. Returns the scene, its path, and the demo scene's camera.
@@ -255,6 +273,24 @@ pub fn scene_facts(path: Option<&Path>, load: &LoadOptions) -> Result<(SceneFact
 mod tests {
     use super::*;
     use splatgraph_assets::synth;
+
+    #[test]
+    fn a_scene_with_a_similar_name_and_the_only_one_of_a_folder_are_suggested() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["splat.ply", "notes.txt"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        let near = |path: &str| {
+            let error = LoadError { path: folder.path().join(path), problem: SceneError::MeshAlone };
+            nearby(&error)
+        };
+        for path in ["splat.pl", "splat", "plat.ply", ""] {
+            assert_eq!(near(path), Some(folder.path().join("splat.ply")), "{path}");
+        }
+        assert_eq!((near("splat.ply"), near("garden.spz")), (None, None));
+        std::fs::write(folder.path().join("other.spz"), "").unwrap();
+        assert_eq!(near(""), None);
+    }
 
     #[test]
     fn the_default_camera_frames_the_scene_in_a_picture_of_any_shape() {

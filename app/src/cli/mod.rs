@@ -230,7 +230,7 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
         Ok(cli) => cli,
         // clap's error does not name the invalid word.
         Err(error) if error.kind() == ErrorKind::InvalidUtf8 => return report(&not_utf_8(&arguments).into()),
-        Err(error) => return terminal::say_usage(&error, colour()),
+        Err(error) => return terminal::say_usage(error, colour()),
     };
     let timeline = cli.command.timeline().map(|path| Timeline::start(path, begun));
     info_span!("start threads").in_scope(threads::build_pool);
@@ -357,6 +357,9 @@ fn report(error: &anyhow::Error) -> u8 {
         return 1;
     }
     say(format!("error: {error}"));
+    if let Some(near) = error.chain().find_map(|cause| loading::nearby(cause.downcast_ref()?)) {
+        say(format!("  did you mean {}?", near.display()));
+    }
     let mut said = error.to_string();
     for cause in error.chain().skip(1) {
         let cause = cause.to_string();

@@ -61,7 +61,16 @@ pub fn size(text: &str) -> Result<(u32, u32), String> {
     }
 }
 
+/// Parses `R,G,B` from 0 to 1, `#RRGGBB`, `black` or `white`.
 pub fn colour(text: &str) -> Result<[f32; 3], String> {
+    let digits =
+        text.strip_prefix('#').filter(|hex| hex.len() == 6).and_then(|hex| u32::from_str_radix(hex, 16).ok());
+    match (text, digits) {
+        ("black", _) => return Ok([0.0; 3]),
+        ("white", _) => return Ok([1.0; 3]),
+        (_, Some(rgb)) => return Ok([rgb >> 16, rgb >> 8, rgb].map(|byte| (byte & 255) as f32 / 255.0)),
+        _ => {}
+    }
     let values: Vec<f32> = text.split(',').filter_map(|v| v.trim().parse().ok()).collect();
     match values.as_slice() {
         &[r, g, b] if text.split(',').count() == 3 && values.iter().all(|v| v.is_finite()) => {
@@ -75,7 +84,7 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
                 _ => Ok([r, g, b]),
             }
         }
-        _ => Err("expected three numbers, for instance 1,0.5,0.25".into()),
+        _ => Err("expected three numbers, for instance 1,0.5,0.25, or #ff8040, black or white".into()),
     }
 }
 
@@ -379,6 +388,14 @@ mod tests {
             assert!(error.starts_with("expected values from 0 to 1 (255 is 1), found "), "{text}: {error}");
         }
         for text in ["1,1,1", "1e3,1e3,1e3", "-1,-1,-1", "0.5,2,0", "1.5,0,0", "0,0,256"] {
+        for (text, expected) in
+            [("#ff0033", [1.0, 0.0, 0.2]), ("white", [1.0; 3]), ("0.5,0,1", [0.5, 0.0, 1.0])]
+        {
+            assert_eq!(colour(text), Ok(expected));
+        }
+        for text in ["#ff003", "#ff00333", "#ff003x", "red"] {
+            assert!(colour(text).unwrap_err().contains("black or white"), "{text}");
+        }
             assert!(colour(text).is_ok(), "{text}");
         }
     }

@@ -22,7 +22,7 @@ use crate::view::window::{self, WindowOptions};
 use anyhow::Result;
 use clap::ValueEnum;
 use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Scene, names_scenes};
+use splatgraph_assets::{Camera, Scene, SceneFormat, names_scenes};
 use splatgraph_framework::reload::Content;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -47,12 +47,15 @@ Mouse: drag orbits, Shift + drag pans, the wheel zooms; the right button and W A
 pub struct Args {
     #[arg(help = options::optional_scene_help())]
     scene: Option<PathBuf>,
+    /// Further scenes, which `render` takes: refused with the ways to view them
+    #[arg(hide = true)]
+    more: Vec<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,
     #[command(flatten)]
     memory: MemoryArgs,
     /// Background colour, display-encoded, 0 to 1
-    #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
+    #[arg(long, value_name = "R,G,B|#RRGGBB", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     background: [f32; 3],
     /// World direction that points up: an axis such as z or -y, or a vector [default: the cameras', else the scene's, or
     /// -y]
@@ -215,6 +218,21 @@ enum ShowPanel {
 }
 
 pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
+    if let [second, ..] = args.more.as_slice() {
+        return Err(Usage(format!(
+            "expected one scene, found {}: to compare two, add `--compare-scene {}`; to view several in one picture, \
+             list them in a file (.ron)",
+            args.more.len() + 1,
+            second.display()
+        )));
+    }
+    let graphs = [("--pipeline", "name it without an option", &args.drawing.pipeline)];
+    let compared = args.compare.iter().map(|graph| ("--compare", "use --compare-scene", graph));
+    for (option, remedy, graph) in graphs.into_iter().chain(compared) {
+        if SceneFormat::of_name(Path::new(graph)).is_some() {
+            return Err(Usage(format!("{option}: expected a graph, found the scene {graph}: {remedy}")));
+        }
+    }
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.drawing.cameras.as_deref())?;
     for graph in [Some(&args.drawing.pipeline), args.compare.as_ref()].into_iter().flatten() {
         guard.input("the graph", Path::new(graph))?;

@@ -56,7 +56,7 @@ pub struct Args {
     #[arg(long, value_name = "png|exr|npy")]
     pub(super) format: Option<Format>,
     /// Background colour, display-encoded: 0 is black, 1 is white
-    #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
+    #[arg(long, value_name = "R,G,B|#RRGGBB", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     pub(super) background: [f32; 3],
     #[command(flatten)]
     pub(super) scenes: ScenesArgs,

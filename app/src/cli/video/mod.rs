@@ -79,7 +79,7 @@ pub struct Args {
     #[arg(long, value_name = "0..1", value_parser = shutter, requires = "samples")]
     shutter: Option<f64>,
     /// Background colour, display-encoded: 0 is black, 1 is white
-    #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
+    #[arg(long, value_name = "R,G,B|#RRGGBB", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     background: [f32; 3],
     /// Write the cameras of the frames as a cameras.json, with which `render` draws depth and other outputs of them
     #[arg(long, value_name = "FILE")]
@@ -454,7 +454,8 @@ impl Job<'_> {
         let gpu =
             ms.filter(|_| drawn > 0).map(|ms| format!(", {:.2} ms of GPU time each", ms / drawn as f64));
         format!(
-            "{name}: {frames} frames of {width} x {height}{there}, {duration:.1} s at {} fps{bytes}; {drawn} drawn in {seconds:.1} s{}",
+            "{name}: {frames} {} of {width} x {height}{there}, {duration:.1} s at {} fps{bytes}; {drawn} drawn in {seconds:.1} s{}",
+            if frames == 1 { "frame" } else { "frames" },
             self.args.fps,
             gpu.unwrap_or_default()
         )

@@ -4,6 +4,7 @@
 //! escapes their control characters. Nothing here panics: a line that cannot be written is lost, and the work
 //! continues. A failed write is an error only for a command that prints its result, unless the reader closed the pipe.
 
+use clap::error::{ContextKind, ContextValue};
 use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{self, ErrorKind, Write};
@@ -119,7 +120,13 @@ fn print_raw(text: &str) -> io::Result<()> {
 }
 
 /// Writes clap's help to standard output, or its error to standard error. Returns the exit code.
-pub fn say_usage(error: &clap::Error, colour: bool) -> u8 {
+pub fn say_usage(mut error: clap::Error, colour: bool) -> u8 {
+    // No command takes a word that begins with `--` as a value.
+    if let Some(ContextValue::StyledStrs(tips)) = error.remove(ContextKind::Suggested) {
+        let tips =
+            tips.into_iter().filter(|tip| !tip.to_string().contains("' as a value, use '-- --")).collect();
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(tips));
+    }
     let text = error.render();
     let text = if colour { text.ansi().to_string() } else { text.to_string() };
     if error.use_stderr() {
