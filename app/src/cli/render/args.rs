@@ -173,7 +173,11 @@ pub fn prepare(args: &Args) -> Result<Work> {
     let looking = args.look.names();
     let scene = args.scenes.scene.as_deref().filter(|_| looking.is_none());
     let given = args.drawing.cameras(scene)?;
-    let own = || loading::camera_names(args.scenes.scene.as_deref(), given.as_deref());
+    let own = || match args.scenes.scene.as_deref() {
+        // The camera that frames a scene: pictures of several scenes in a folder need different names.
+        Some(scene) if given.is_none() => vec![names::of_scene(scene)],
+        scene => loading::camera_names(scene, given.as_deref()),
+    };
     let names = looking.unwrap_or_else(own);
     if let (Some(Destination::Picture(path, _)), [_, _, ..]) = (&destination, names.as_slice()) {
         let message = format!(

@@ -24,6 +24,12 @@ pub fn ends_in_separator(path: &Path) -> bool {
     path.as_os_str().as_encoded_bytes().last().is_some_and(|byte| is_separator(char::from(*byte)))
 }
 
+/// Returns the name of a scene's file up to the first dot, for names of files that are made from the scene.
+pub fn of_scene(scene: &Path) -> String {
+    let name = scene.file_name().unwrap_or_default().to_string_lossy();
+    name.split('.').next().filter(|stem| !stem.is_empty()).unwrap_or("scene").to_owned()
+}
+
 /// Returns the first path, numbered from 1, that does not exist yet.
 pub fn first_free(path: impl Fn(u32) -> PathBuf) -> PathBuf {
     (1..).map(&path).find(|path| !path.exists()).unwrap_or_else(|| path(0))

@@ -349,7 +349,6 @@ fn marks(ui: &mut Ui, viewer: &mut Viewer, id: RendererId, controls: &mut Contro
 
 /// Returns the first path of `SCENE-part-1.ply`, `SCENE-part-2.ply`, ... in `folder` at which no file exists.
 fn fresh(folder: &Path, scene: &Path) -> PathBuf {
-    let name = scene.file_name().unwrap_or_default().to_string_lossy();
-    let stem = name.split('.').next().filter(|stem| !stem.is_empty()).unwrap_or("scene");
+    let stem = names::of_scene(scene);
     names::first_free(|number| folder.join(format!("{stem}-part-{number}.ply")))
 }
