@@ -173,7 +173,10 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     }
     let photographs = args.photographs.as_deref();
     let options = CameraOptions { photographs, ..CameraOptions::default() };
-    let dataset = Dataset::load_with(&args.cameras, options)?;
+    let dataset = match args.cameras.to_str() {
+        Some(spec) => Dataset::select(spec, options)?,
+        None => Dataset::load_with(&args.cameras, options)?,
+    };
     cameras::tell_alignment(&dataset);
     cameras::tell_off_center(dataset.views.iter().map(|view| &view.camera));
     cameras::tell_masks(&dataset);
@@ -210,6 +213,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     };
     if let Renderer::Device(_) = args.backend {
         // A photograph is no picture of another projection, so pinholes are not converted. A graph's errors are reported
+        projection::shared(&chosen.iter().map(|view| view.camera.clone()).collect::<Vec<_>>())?;
         // when it is built.
         let graph = projection::of_graph(&args.pipeline, &args.set);
         let other = |graph| chosen.iter().find(|view| view.camera.projection != graph).zip(Some(graph));

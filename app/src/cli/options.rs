@@ -208,7 +208,8 @@ pub struct Drawing {
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = setting)]
     pub set: Vec<(String, String)>,
     /// Cameras: a COLMAP folder, a transforms.json, the reference implementation's cameras.json, or a glTF file; `#2`
-    /// or `#NAME` selects one [default: the first camera beside the scene, or one that frames the scene]
+    /// or `#NAME` selects one, `#front/*` those whose names begin with `front/` [default: the first camera beside the
+    /// scene, or one that frames the scene]
     ///
     /// The format is recognised by the contents; docs/formats.md lists the formats. The text of a cameras.json works
     /// in place of a path: `[{"position": [0, 0, -4], "rotation": ..., ...}]`.

@@ -2,7 +2,8 @@
 //!
 //! A graph's projection is its constant parameter `projection`, because shaders are compiled for it. A camera has a
 //! projection as well: files store it, and the exact renderer draws it. Pinhole cameras are converted to the graph's
-//! projection; any other camera needs a graph with the same projection.
+//! projection; any other camera needs a graph with the same projection. Pinholes among other cameras are not converted:
+//! in a rig, each camera has its own lens.
 
 use crate::draw::facts;
 use crate::draw::planner::Planner;
@@ -23,13 +24,31 @@ pub struct ProjectionError {
     pub camera: Projection,
 }
 
-/// Cameras that have no projection in common.
+/// Cameras that have no projection in common: for each projection, the name of its first camera, and the number of all.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("expected cameras with one projection, found {} and {}", named(.0), named(.1))]
-pub struct MixedProjections((String, Projection), (String, Projection));
+#[error(
+    "expected cameras with one projection, found {}; in --cameras, `FILE#NAME*` selects the cameras whose names begin with NAME",
+    groups(.0)
+)]
+pub struct MixedProjections(Vec<(Projection, String, usize)>);
 
-fn named((name, projection): &(String, Projection)) -> String {
-    format!("{} ({projection})", one_line(name))
+fn groups(groups: &[(Projection, String, usize)]) -> String {
+    let text = |(projection, name, count): &(Projection, String, usize)| match count - 1 {
+        0 => format!("{} ({projection})", one_line(name)),
+        more => format!("{} and {more} more ({projection})", one_line(name)),
+    };
+    groups.iter().map(text).collect::<Vec<_>>().join(", ")
+}
+
+/// Error about cameras that a graph cannot draw.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ConversionError {
+    /// The cameras have several projections.
+    #[error(transparent)]
+    Mixed(#[from] MixedProjections),
+    /// The graph has another projection.
+    #[error(transparent)]
+    Graph(#[from] ProjectionError),
 }
 
 fn advice(camera: Projection) -> String {
@@ -78,15 +97,21 @@ pub fn of_cameras(cameras: &[Camera]) -> Projection {
 /// # Errors
 /// Two cameras have different projections. Cameras without a name are named by their index.
 pub fn shared(cameras: &[Camera]) -> Result<Projection, MixedProjections> {
-    let Some(first) = cameras.first() else { return Ok(Projection::Pinhole) };
-    let named = |(index, camera): (usize, &Camera)| {
-        let name = &camera.img_name;
-        let name = if name.is_empty() { format!("camera {index}") } else { name.clone() };
-        (name, camera.projection)
-    };
-    match cameras.iter().enumerate().find(|(_, camera)| camera.projection != first.projection) {
-        Some(other) => Err(MixedProjections(named((0, first)), named(other))),
-        None => Ok(first.projection),
+    let mut groups: Vec<(Projection, String, usize)> = Vec::new();
+    for (index, camera) in cameras.iter().enumerate() {
+        match groups.iter_mut().find(|(projection, ..)| *projection == camera.projection) {
+            Some((.., count)) => *count += 1,
+            None => {
+                let name = &camera.img_name;
+                let name = if name.is_empty() { format!("camera {index}") } else { name.clone() };
+                groups.push((camera.projection, name, 1));
+            }
+        }
+    }
+    match groups[..] {
+        [] => Ok(Projection::Pinhole),
+        [(projection, ..)] => Ok(projection),
+        _ => Err(MixedProjections(groups)),
     }
 }
 
@@ -123,18 +148,19 @@ pub fn shown(camera: &Camera, graph: Projection, scene: &Scene) -> Camera {
 /// Converts a command's cameras to the projection of its graph. `size` is the requested size; see [`shaped`].
 ///
 /// # Errors
-/// A camera is not a pinhole camera, and its projection differs from the graph's.
+/// The cameras have several projections, or one that is not pinhole and differs from the graph's.
 pub fn convert_all(
     cameras: &[Camera],
     graph: Projection,
     scene: &Scene,
     size: Option<(u32, u32)>,
-) -> Result<Vec<Camera>, ProjectionError> {
+) -> Result<Vec<Camera>, ConversionError> {
+    shared(cameras)?;
     let converted = |camera: &Camera| match size {
         Some(_) => convert(camera, graph, scene),
         None => convert(&shaped(camera, graph), graph, scene),
     };
-    cameras.iter().map(converted).collect()
+    Ok(cameras.iter().map(converted).collect::<Result<_, _>>()?)
 }
 
 /// Gives a pinhole camera that is to become a panorama the shape 2:1, which players of panoramas expect.
@@ -222,11 +248,15 @@ mod tests {
         let [left, right] = ["left.png", ""].map(|name| camera(name, Projection::Fisheye));
         assert_eq!(shared(&[]), Ok(Projection::Pinhole));
         assert_eq!(shared(&[left.clone(), right.clone()]), Ok(Projection::Fisheye));
-        let plan = camera("", Projection::Orthographic);
-        let error = shared(&[left, right, plan]).unwrap_err().to_string();
+        let mixed = [left, right, camera("", Projection::Pinhole)];
+        let error = shared(&mixed).unwrap_err().to_string();
         assert_eq!(
             error,
-            "expected cameras with one projection, found left.png (fisheye) and camera 2 (orthographic)"
+            "expected cameras with one projection, found left.png and 1 more (fisheye), camera 2 (pinhole); in --cameras, `FILE#NAME*` selects the cameras whose names begin with NAME"
         );
+        let scene = synth::generate("uniform", 50, 0).unwrap();
+        for graph in [Projection::Fisheye, Projection::Pinhole] {
+            assert_eq!(convert_all(&mixed, graph, &scene, None).unwrap_err().to_string(), error);
+        }
     }
 }

@@ -165,8 +165,9 @@ impl Dataset {
         Ok(dataset)
     }
 
-    /// Reads the dataset of `path`, or of `path#name` (a camera's `img_name`, or its photograph's name) or
-    /// `path#2` (index from 0, unless a camera has that name), which has one view.
+    /// Reads the dataset of `path`, or a selection of its views: `path#name` is one view (a camera's `img_name`, or its
+    /// photograph's name), `path#2` is the view with that index (from 0, unless a camera has that name), and
+    /// `path#front/*` are the views whose names begin with `front/`.
     ///
     /// # Errors
     /// The errors of [`Dataset::load`], the dataset is empty, or there is no such camera.
@@ -181,9 +182,18 @@ impl Dataset {
             return Err(CameraError::Empty { path: path.to_owned() });
         }
         let Some(wanted) = wanted else { return Ok(dataset) };
+        let begins = |view: &View, start: &str| view.camera.img_name.starts_with(start);
+        if let Some(start) = wanted.strip_suffix('*')
+            && dataset.views.iter().any(|view| begins(view, start))
+        {
+            dataset.views.retain(|view| begins(view, start));
+            return Ok(dataset);
+        }
         // Names of frames are often numbers, so they come before indices.
         let named = |name: &str| dataset.views.iter().position(|view| view.camera.img_name == name);
-        let numbered = || wanted.parse().ok().filter(|index: &usize| *index < dataset.views.len());
+        // `000003` is a frame's name, which may stand after a folder's in the names of a rig. It is no index.
+        let is_index = |index: &usize| *index < dataset.views.len() && index.to_string() == wanted;
+        let numbered = || wanted.parse().ok().filter(is_index);
         let index = named(wanted).or_else(|| named(photograph::stem(wanted))).or_else(numbered);
         let Some(index) = index else {
             let names = dataset.views.iter().map(|view| view.camera.img_name.clone());

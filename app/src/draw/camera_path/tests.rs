@@ -339,9 +339,11 @@ fn the_lens_is_the_one_that_all_keys_share() {
     mixed[3].img_name = "plan".into();
     let mut path = path(keys(), false);
     let error = path.set_keys(mixed).unwrap_err().to_string();
-    let text =
-        "camera path: expected cameras with one projection, found camera 0 (fisheye) and plan (orthographic)";
-    assert_eq!((error.as_str(), path.keys()), (text, &keys()[..]));
+    let text = format!(
+        "camera path: expected cameras with one projection, found camera 0 and {} more (fisheye), plan (orthographic)",
+        keys().len() - 2
+    );
+    assert!(error.starts_with(&text) && path.keys() == &keys()[..], "{error}");
     path.insert(9, with(Projection::Fisheye).remove(2)).unwrap();
     assert_eq!(path.at(5.0).unwrap().projection, Projection::Pinhole);
 }

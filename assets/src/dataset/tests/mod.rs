@@ -97,6 +97,20 @@ fn a_camera_is_selected_by_name_or_number() {
     for (wanted, id) in [("0001", 0), ("0", 1), ("1", 1), ("2", 2), ("shot.1001", 2), ("shot.1001.exr", 2)] {
         assert_eq!(select(&format!("#{wanted}")).unwrap()[0].id, id, "{wanted}");
     }
+    for (camera, name) in cameras.iter_mut().zip(["front/0001", "back/0000", "front/0000"]) {
+        camera.img_name = name.into();
+    }
+    Camera::save(&cameras, &path).unwrap();
+    let ids = |suffix: &str| select(suffix).unwrap().iter().map(|camera| camera.id).collect::<Vec<_>>();
+    assert_eq!(
+        [ids("#front/*"), ids("#b*"), ids("#*"), ids("#1")],
+        [vec![0, 2], vec![1], vec![0, 1, 2], vec![1]]
+    );
+    says(
+        select("#0001").unwrap_err(),
+        "no camera `0001`: it has 3, numbered from 0 and named front/0001, back/0000",
+    );
+    says(select("#left/*").unwrap_err(), "no camera `left/*`");
     Camera::save(&[], &path).unwrap();
     assert!(matches!(select(""), Err(CameraError::Empty { .. })));
 }
