@@ -36,6 +36,9 @@ use std::path::PathBuf;
 /// values outside of 0..1, as depths have, the range of B's values (with 0 and 1) becomes 0..1, and A is clamped to it.
 /// Only the worst pixel keeps its unit. --range sets one range for all pictures.
 ///
+/// Indices have no distances: if both pictures have one channel, and one has the value 4294967295, as the output `index`
+/// has without splats, then unequal pixels differ by 1, and a line tells their number.
+///
 /// All measures are computed in f64, also for float64 arrays.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -259,6 +262,10 @@ fn compare(args: &Args) -> Result<(String, Vec<String>)> {
 /// Compares two pictures. Also returns the picture of their differences, if `--diff` wants one.
 fn measure(pair: &Pair, args: &Args, notes: &mut Notes) -> Result<(Found, Option<Image>)> {
     let Loaded { mut a, mut b, are_grey, has_levels } = load(pair, args.range, notes)?;
+    if are_grey && args.range.is_none() && [&a, &b].into_iter().any(has_indices) {
+        let unequal = mark_unequal(&mut a, &mut b);
+        say(format!("{}: {unequal} of {} indices are unequal, and differ by 1 here", pair.name, a.rgb.len()));
+    }
     let (least, most) = args.range.unwrap_or_else(|| if are_grey { range_of(&b) } else { (0.0, 1.0) });
     let (peak, is_scaled) = (most - least, (least, most) != (0.0, 1.0));
     let unscaled = is_scaled.then(|| metrics::worst_pixel((&a).into(), (&b).into()));
@@ -291,6 +298,22 @@ fn measure(pair: &Pair, args: &Args, notes: &mut Notes) -> Result<(Found, Option
     let flip = |seen: fn(ImageRef) -> Seen| seen((&b).into()).flip(&seen((&a).into()));
     let (flip, flip_8_bits) = (flip(Seen::of_floats), flip(Seen::of_8_bits));
     Ok((Found { all, peak, flip, flip_8_bits }, difference))
+}
+
+/// Returns true if a picture of one channel contains the index of no splat.
+fn has_indices(picture: &Image<f64>) -> bool {
+    picture.rgb.iter().any(|pixel| pixel[0] == f64::from(u32::MAX))
+}
+
+/// Replaces unequal pixels by 1 and 0, and equal ones by 0. Returns the number of unequal pixels.
+fn mark_unequal(a: &mut Image<f64>, b: &mut Image<f64>) -> usize {
+    let mut unequal = 0;
+    for (a, b) in a.rgb.iter_mut().zip(&mut b.rgb) {
+        let is_unequal = a != b;
+        unequal += usize::from(is_unequal);
+        (*a, *b) = ([f64::from(u8::from(is_unequal)); 3], [0.0; 3]);
+    }
+    unequal
 }
 
 fn cannot(pair: &Pair) -> String {

@@ -96,6 +96,17 @@ fn depths_and_counts_of_the_program_s_own_outputs_are_compared() {
     // 20 log10(5 / 2)
     assert!(text.starts_with("PSNR 7.96 dB"), "{text}");
     assert!(compared(&a, &b, &["--min-psnr", "8"]).unwrap().is_some());
+    // Of indices, one in a hundred is unequal. As values, all but the missing splats would be nearly equal.
+    let mut indices = [7u32; 144];
+    indices[143] = u32::MAX;
+    crate::io::image::save_words(&a, &[12, 12], &indices).unwrap();
+    indices[0] = 9;
+    crate::io::image::save_words(&b, &[12, 12], &indices).unwrap();
+    let text = told(&a, &b, &[]).unwrap().0;
+    // 10 log10(144)
+    assert!(text.starts_with("PSNR 21.58 dB") && text.contains("worst pixel 1.000000 at (0, 0)"), "{text}");
+    assert!(compared(&a, &b, &["--min-psnr", "60"]).unwrap().is_some());
+    assert!(told(&a, &a, &[]).unwrap().0.ends_with(": identical"));
     // Negative values differ, too: 20 log10((1 + 4) / 1).
     for (path, value) in [(&a, -3.0), (&b, -4.0)] {
         crate::io::image::save_words(path, &[12, 12], &[value; 144]).unwrap();
