@@ -34,7 +34,8 @@ pub struct Batch {
     pictures: Pictures<Told>,
     /// Each picture whose pixels are in the device's memory has a clone of the sender.
     pixels: (Sender<Infallible>, Receiver<Infallible>),
-    done: Vec<CameraStats>,
+    /// `None` if they are not written: thousands of them would take hundreds of megabytes.
+    done: Option<Vec<CameraStats>>,
     /// Number of cameras that saw no splat.
     pub blind: usize,
     /// Cameras that are not drawn, by error.
@@ -57,9 +58,9 @@ struct Told {
 }
 
 impl Batch {
-    /// Creates a batch with at most `jobs` unfinished pictures.
+    /// Creates a batch with at most `jobs` unfinished pictures. It keeps the cameras' statistics if `keeps_stats`.
     pub fn new(
-        jobs: usize,
+        (jobs, keeps_stats): (usize, bool),
         destination: Option<Destination>,
         files: (Vec<(String, PathBuf)>, usize),
         background: [f32; 3],
@@ -73,7 +74,7 @@ impl Batch {
             flying: VecDeque::new(),
             pictures: Pictures::new(jobs),
             pixels: channel(),
-            done: Vec::new(),
+            done: keeps_stats.then(Vec::new),
             blind: 0,
             skipped: Vec::new(),
             refused: HashMap::new(),
@@ -265,18 +266,20 @@ impl Batch {
         _ = receiver.recv();
     }
 
-    /// Waits until all pictures are written. Returns the statistics of all cameras so far, in order.
+    /// Waits until all pictures are written. Returns the kept statistics of all cameras so far, in order.
     pub fn finish(&mut self, progress: &Progress) -> Result<&[CameraStats]> {
         let _span = info_span!("wait for files").entered();
         while let Some(told) = self.pictures.wait()? {
             self.tell(told, progress)?;
         }
-        Ok(&self.done)
+        Ok(self.done.as_deref().unwrap_or_default())
     }
 
     fn tell(&mut self, Told { stats, line }: Told, progress: &Progress) -> Result<()> {
         progress.suspend(|| self.stdout.line(&line))?;
-        self.done.push(stats);
+        if let Some(done) = &mut self.done {
+            done.push(stats);
+        }
         Ok(())
     }
 }

@@ -144,7 +144,7 @@ impl Drawer {
         choice.iter().filter(|choice| limit.is_some() || choice.set.is_some()).for_each(say);
         let files: Vec<(String, PathBuf)> =
             args.named().map(|(name, file)| (name.to_owned(), file.to_owned())).collect();
-        let (jobs, files) = (options::jobs(args.jobs), (files, loaded.cameras.len()));
+        let (jobs, files) = ((options::jobs(args.jobs), args.json.is_some()), (files, loaded.cameras.len()));
         let batch = Batch::new(jobs, work.destination.clone(), files, args.background, args.stdout());
         let with =
             With::Device { session: Box::new(session), batch: batch.into(), guard: work.guard.clone() };
@@ -186,7 +186,9 @@ impl Drawer {
                     let stats =
                         progress.suspend(|| draw_exactly(args, scene, (camera, stem), cameras.len()))?;
                     blind += usize::from(stats.loaded > 0 && stats.most_contributors == 0);
-                    done.push(stats);
+                    if args.json.is_some() {
+                        done.push(stats);
+                    }
                 }
             }
         }
@@ -216,7 +218,7 @@ impl Drawer {
     }
 
     /// Closes the device while other threads write the last files and free the scene. Returns the statistics of all
-    /// views, in order, and the device's validation messages.
+    /// views, in order, if `--json` wants them, and the device's validation messages.
     pub fn close(self) -> Result<(Json, Vec<String>)> {
         let Drawer { loaded, with, .. } = self;
         let (session, mut batch) = match with {
