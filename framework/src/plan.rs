@@ -126,7 +126,7 @@ impl Plan {
         self.effect(parameter)?.none.as_deref()
     }
 
-    /// Lists the phases that contain a pass affected by a parameter, each once.
+    /// Lists the phases that contain a pass affected by a parameter, each once. Empty for an unknown name.
     pub fn affected_phases(&self, parameter: &str) -> Vec<&str> {
         let passes = self.effect(parameter).into_iter().flat_map(|effect| &effect.passes);
         let phases: IndexSet<&str> = passes.map(|id| self.pass(*id).phase.as_str()).collect();
@@ -264,8 +264,8 @@ pub struct Resource {
     /// The memory block of a transient resource; `None` for all others.
     pub block: Option<BlockId>,
     /// Name under which the contents persist across frames; `None` if they do not persist. The next plan of the same
-    /// scene inherits the contents if it has a history of the same name and shape, unless its prologue writes the
-    /// resource after zeroing it. Of a ping-pong resource, only the half in front at the end of a frame has the name.
+    /// scene inherits the contents if it has a history of the same name and shape, which its prologue only zeroes. Of a
+    /// ping-pong resource, only the half in front at the end of a frame has the name.
     pub history: Option<String>,
     /// Position of the resource's declaration in the graph's files.
     pub origin: Origin,
@@ -274,8 +274,8 @@ pub struct Resource {
 /// A memory block, as large as its largest resource.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Block {
-    /// Resources that share this memory; all start at offset 0. Only one of several is alive at a time: from its first
-    /// use in a frame to its last. Its contents are undefined before the first use.
+    /// Resources that share this memory; all start at offset 0. If there are several, each is alive from its first use
+    /// in a frame to its last, one at a time, and has undefined contents before its first use.
     pub aliases: Vec<ResourceId>,
 }
 

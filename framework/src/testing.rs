@@ -247,7 +247,7 @@ pub fn dispatch(name: &str, shader: &str, bind: &str) -> String {
     format!(r#"        Dispatch(name: "{name}", shader: "{shader}", size: Threads(64), bind: {{{bind}}}),"#)
 }
 
-/// Returns a draw of the splats in `a` into the image `color`.
+/// Returns a draw of two quads into the image `color`. Its vertex shader reads the buffer `a`.
 pub fn draw(name: &str, load: &str) -> String {
     format!(
         r#"Draw(name: "{name}", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),

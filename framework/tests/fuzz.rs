@@ -240,7 +240,7 @@ fn counted<T>(what: &str, case: u64, outcome: &Outcome<T>) -> Counts {
     }
 }
 
-/// Runs the cases of one kind of file on all processors, each with its own compiler. `attempt` returns the file to
+/// Runs the cases of one kind of file on all processors, each with its own compilers. `attempt` returns the file to
 /// damage, the function that builds it, and a number that identifies this function.
 fn fuzz<'a, T: Clone + PartialEq, Attempt>(
     what: &str,
@@ -313,7 +313,7 @@ fn fuzz<'a, T: Clone + PartialEq, Attempt>(
     assert!(built > cases / 20 && errors > cases / 3, "{built} accepted, {errors} errors");
 }
 
-/// Returns true for graphs with an output, for presets and for choices of graphs; false for parts.
+/// Returns true for presets, choices, and graphs with an output; false for graphs that are only included.
 fn draws(text: &str) -> bool {
     let is_choice = || text.lines().any(|line| line.starts_with("Choice("));
     text.contains("output:") || text.contains("Preset(") || is_choice()

@@ -32,7 +32,7 @@ impl ReportedLimits {
     };
 }
 
-/// Number of lanes of a SIMD group. The pipelines of shaders with subgroup operations are checked to have it.
+/// Number of lanes of a SIMD group. Compute pipelines with subgroup operations are checked to have it.
 pub const LANES: u32 = 32;
 
 /// Returns the limits that plans are checked against, for a device that reports `reported`.
@@ -42,7 +42,7 @@ pub fn limits(reported: &ReportedLimits) -> Limits {
     Limits {
         facts: DeviceFacts {
             subgroup_size: LANES,
-            // Metal documents no limit. Shaders split larger counts into x and y, on every backend.
+            // Metal documents no limit. Linking folds larger counts in x into y, for every backend.
             max_groups_x: 65535,
             max_groups_y: 65535,
             max_groups_z: 65535,

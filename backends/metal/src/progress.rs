@@ -8,7 +8,7 @@ const FAILED: u64 = 5;
 /// The progress of a submission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
-    /// At least one command buffer has neither completed nor failed, and none has failed.
+    /// No command buffer has failed, and at least one has not completed.
     Running,
     /// All command buffers have completed.
     Completed,

@@ -60,9 +60,11 @@ impl FrameTimes {
         last.filter(|_| self.completed).map_or(0, |last| last + 1)
     }
 
-    /// Returns the first `count` timestamps of the frame, in nanoseconds. `samples` are the values that were read.
+    /// Returns the first `count` timestamps of the frame, in nanoseconds. `samples` are the values of as many samples as
+    /// [`samples`](FrameTimes::samples) returned: none until the frame has completed.
     ///
-    /// They are `None` until the frame has completed. Pairs of samples that end before they start are `None`, too.
+    /// A timestamp is `None` if Metal reports no time of the frame, if the sample was not taken or failed, or if its
+    /// pair of samples ends before it starts.
     pub fn timestamps(&self, samples: &[u64], count: u32) -> Vec<Option<u64>> {
         let ticks = |sample: usize| {
             let taken = self.taken.get(sample).is_some_and(|&taken| taken);

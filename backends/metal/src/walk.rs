@@ -97,6 +97,8 @@ impl Walk {
     }
 
     /// Announces a pass, and appends the actions before its commands to `moves`.
+    ///
+    /// If `timed`, each pass has its own encoder. The flag must be the same for all passes of a frame.
     pub fn pass(&mut self, walked: &Walked, pass: PassId, timed: bool, moves: &mut Vec<Move>) {
         let division = if timed { Division::Passes } else { Division::Merged };
         let divided = walked.of(division);
@@ -163,7 +165,8 @@ impl Walk {
         self.current.is_some_and(|(_, open)| open)
     }
 
-    /// Returns the fences that a pass's encoder updates; empty before the first pass is announced.
+    /// Returns the fences that a pass's encoder updates. Empty before the first pass is announced, and for a pass without
+    /// an encoder.
     ///
     /// Commands that are added to this pass must wait for these fences and update them again.
     pub fn updates<'a>(&self, walked: &'a Walked, pass: PassId) -> &'a [FenceUse] {

@@ -160,7 +160,7 @@ pub fn diff(a: &Dump, b: &Dump) -> Diff {
     }
 }
 
-/// Pairs the elements of two lists by key, which is unique in each list.
+/// Pairs the elements of two lists by key, unique within a list. `change` returns `None` for an equal pair.
 fn match_up<E, K: Ord, T, C>(
     a: &[E],
     b: &[E],

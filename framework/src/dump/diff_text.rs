@@ -122,7 +122,7 @@ fn write_barriers(out: &mut String, side: &str, barriers: &[DumpBarrier]) -> fmt
     Ok(())
 }
 
-/// Formats a barrier's place: `before sort.scan[0], on all memory`.
+/// Formats a barrier's place: `before sort.scan[0], on all memory`, or `before the first frame, ...`.
 fn place(barrier: &DumpBarrier) -> String {
     let before = barrier.before.as_ref().map_or("the first frame", |place| &place.name);
     format!("before {before}, {}", subject(barrier))
@@ -156,7 +156,7 @@ fn without_indices(line: &str) -> String {
     out
 }
 
-/// Lists names, with consecutive indices merged: `sort.scan[0..3]`.
+/// Lists names, with consecutive indices merged: `sort.scan[0..3]`. Names with several indices are not merged.
 fn ranges(names: &[String]) -> Vec<String> {
     // For each run: the name with an empty index, and the first and last index so far.
     let mut runs: Vec<(String, u32, u32)> = Vec::new();

@@ -274,7 +274,7 @@ pub struct Iteration {
 pub struct DumpShader {
     /// File name, as in the graph.
     pub file: String,
-    /// Preprocessor defines that the shader is compiled with.
+    /// Preprocessor defines that the shader's text mentions.
     pub defines: Vec<Define>,
     /// Invocations of a workgroup in x, y, z.
     pub local_size: [u32; 3],
@@ -298,7 +298,8 @@ pub struct DumpPush {
     pub name: Option<String>,
     /// Offset in bytes.
     pub offset: usize,
-    /// The word, in the type that the shader declares; an unsigned integer if it declares none.
+    /// The word, in the type that the shader declares. An unsigned integer if it declares none, and for float words
+    /// that are infinite or NaN.
     pub value: Value,
 }
 

@@ -219,7 +219,8 @@ impl Masks {
 }
 
 impl fmt::Display for Masks {
-    /// Writes both sides, such as `COMPUTE STORAGE_WRITE -> INDIRECT | COMPUTE INDIRECT_READ | STORAGE_READ`.
+    /// Writes both sides, such as `COMPUTE STORAGE_WRITE -> INDIRECT | COMPUTE INDIRECT_READ | STORAGE_READ`. A side
+    /// without stages is `NONE`.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let half = |stages: Stages, accesses: Accesses| match (stages.is_empty(), accesses.is_empty()) {
             (true, _) => "NONE".to_owned(),

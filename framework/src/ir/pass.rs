@@ -281,7 +281,7 @@ impl<R> Use<R> {
 pub struct Culled {
     /// Name of the pass or include.
     pub pass: String,
-    /// The reason: its `when` is false, or nothing reads the pass's results.
+    /// The reason: a `when` is false, or nothing reads the pass's results.
     pub why: String,
     /// Position of the declaration.
     #[serde(rename = "declared")]

@@ -54,7 +54,7 @@ pub enum Objection {
 }
 
 impl Objection {
-    /// Describes the mistake in a sentence.
+    /// Describes the mistake in a sentence. `plan` is the checked plan.
     pub fn describe(&self, plan: &Plan) -> String {
         let pass = |id: &PassId| &plan.pass(*id).name;
         let image = |id: &ResourceId| &plan.resource(*id).name;
@@ -126,7 +126,7 @@ struct Check<'a> {
     seen: HashSet<String>,
 }
 
-/// Lists missing and needless parts of a plan's dependencies and layout changes.
+/// Lists the mistakes in a plan's dependencies and layout changes: missing parts, needless parts, and wrong layouts.
 pub fn dependencies(plan: &Plan) -> Vec<Objection> {
     let trace = Trace::new(plan, 1);
     let mut check = Check {

@@ -49,9 +49,9 @@ impl Access {
 /// stages.
 #[derive(Clone)]
 pub struct Clash {
-    /// The access that [`Actions::accesses`] lists first.
+    /// The earlier of the two in [`Actions::accesses`].
     pub first: Access,
-    /// The access that it lists later.
+    /// The later of the two.
     pub second: Access,
 }
 
@@ -308,7 +308,8 @@ fn is_atomic(plan: &Plan, extent: &Extent) -> bool {
     shader.reflection.bindings.iter().filter(|block| bound(block.binding)).all(|block| block.atomics_only)
 }
 
-/// Finds conflicting accesses of one pass: through different resources, or at different stages and not both atomic.
+/// Finds conflicting accesses of one pass: through different resources, or at different stages. Within one resource,
+/// two atomic accesses or two depth accesses do not conflict.
 fn clashes(accesses: &[Access]) -> Vec<Clash> {
     let mut clashes = Vec::new();
     for (index, first) in accesses.iter().enumerate() {

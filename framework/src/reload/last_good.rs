@@ -54,8 +54,8 @@ impl<P, E> LastGood<P, E> {
         self.begin(now, Some(now + GRACE))
     }
 
-    /// Begins an attempt for another reason (the start, a parameter). Its error is shown at once, unless a file has
-    /// just changed.
+    /// Begins an attempt for another reason (the start, a parameter). Its error is shown at once, unless a file
+    /// changed less than [`GRACE`] ago.
     pub fn asked(&mut self, now: Instant) -> Attempt {
         self.begin(now, self.patient_until)
     }

@@ -160,7 +160,7 @@ fn work<Job, Output, Build: FnMut(Job) -> Output>(
     }
 }
 
-/// Returns the message of a panic that [`catch_unwind`] caught.
+/// Returns the message of a panic that [`catch_unwind`] caught, or a placeholder if its payload is not text.
 pub fn panic_message(payload: Box<dyn Any + Send>) -> String {
     match payload.downcast::<String>() {
         Ok(text) => *text,

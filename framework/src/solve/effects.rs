@@ -20,7 +20,7 @@ pub(super) struct Causes {
     resources: BTreeMap<String, ParamSet>,
     /// Parameters that decide which passes exist; see [`Effect::shape`].
     shape: ParamSet,
-    /// For each parameter, a phrase that says where it would have an effect.
+    /// For each parameter without an effect, where it would have one, as a phrase; `None` if no such place is known.
     hints: Vec<Option<String>>,
 }
 
@@ -102,7 +102,7 @@ fn unread_hint<'a>(mut passes: impl Iterator<Item = &'a LinkedPass>) -> Option<S
     Some(format!("it is used by `{}`{others}, and nothing reads what {those}", first.pass.name))
 }
 
-/// Returns the hint that a pass uses the parameter, but its `when` is false.
+/// Returns the hint that a pass uses the parameter, but is left out by a false condition.
 fn removed_hint(removed: &RemovedPass, params: &[Param], files: &SourceMap) -> String {
     let origin = files.origin(removed.when);
     let values = values(&removed.decided, params);

@@ -47,7 +47,7 @@ pub(super) fn place(
     by_size.sort_by_key(|i| (std::cmp::Reverse(resources[*i].bytes()), *i));
 
     let mut blocks: Vec<Block> = Vec::new();
-    // Blocks that may be shared, with their lifetimes by first use, and whether they hold an image.
+    // Blocks that may be shared, each with the lifetimes of its aliases by first use, and true if it holds an image.
     let mut open: Vec<(BlockId, BTreeMap<usize, Life>, bool)> = Vec::new();
     for i in by_size {
         let image = matches!(resources[i].shape, Shape::Image { .. });
@@ -108,7 +108,7 @@ pub(super) fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -
     lives
 }
 
-/// Computes the level of each position in the frame: the longest chain of dependent passes before it.
+/// Computes the level of each position in the frame: the length of the longest chain of dependent passes before it.
 fn levels(passes: &[Pass], frame: &[PassId], resources: usize) -> Vec<u32> {
     // Per resource, the lowest level at which it can be read, and the lowest at which it can be written.
     let mut ready = vec![(0, 0); resources];

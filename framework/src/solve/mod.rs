@@ -89,8 +89,8 @@ pub fn add_dependencies(plan: &mut Plan) {
     (plan.layout_changes, plan.dependencies) = dependencies::dependencies(plan);
 }
 
-/// Creates the last passes of a frame: the export, which prepares outputs for copies and copies the statistics, and the
-/// host pass, which reads the statistics.
+/// Creates the last passes of a frame: the export, which prepares outputs for copies, and, if there are statistics, the
+/// host pass, which reads them. In that case, the export copies them to a buffer that this adds to `lowered`.
 fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
     let span = lowered.output_span;
     let touch =

@@ -23,7 +23,7 @@ pub(super) struct Order {
     pub culled: Vec<Culled>,
     /// One flag per pass: true if it is in the plan.
     pub live: Vec<bool>,
-    /// Passes that are the first to use a resource, and both read and write it.
+    /// Passes that read and write a resource whose contents are undefined before them, with the resource.
     pub unwritten: Vec<(usize, ResourceId)>,
 }
 

@@ -117,8 +117,8 @@ fn unswapped(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Dia
 /// Returns a warning for each ping-pong buffer that a `Once` pass fills, and that each frame changes there and back by
 /// iterations of one pass, if the last iteration writes the half that the frame did not start with.
 ///
-/// The values that a sort moves are no such buffer: the iterations move keys with them, another ping-pong buffer that
-/// each frame writes anew, so any permutation is as good a start.
+/// Excludes the values of a sort. Its iterations also move keys, another ping-pong buffer, which each frame writes
+/// anew, so any permutation of the values is as good a start.
 fn lost_steps(passes: &[LinkedPass], order: &Order, lowered: &Lowered) -> Vec<Diagnostic> {
     let lost = |&[start, other]: &[ResourceId; 2]| {
         let name = lowered.plan.resource(start).name.trim_end_matches("#0");

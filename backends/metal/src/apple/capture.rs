@@ -18,7 +18,8 @@ enum State {
 
 static STATE: Mutex<State> = Mutex::new(State::Idle);
 
-/// Requests a capture of the window's next frame to the document `path`, which must not exist.
+/// Requests a capture of the window's next frame to the document `path`, which must not exist. If Metal fails to begin
+/// it, a message of the device gives the reason.
 ///
 /// # Errors
 /// The program was started without support for captures, or a capture is already requested or running.
@@ -38,7 +39,8 @@ pub fn capture_next_frame(path: PathBuf) -> Result<(), String> {
     Ok(())
 }
 
-/// Begins the requested capture, if any, before commands are recorded. If that fails, returns Metal's reason.
+/// Begins the requested capture, if any, before commands are recorded. If that fails, drops the request and returns
+/// Metal's reason.
 pub(crate) fn begin(device: &DeviceRef) -> Option<String> {
     let mut state = lock(&STATE);
     let State::Asked(path) = &*state else { return None };

@@ -102,7 +102,8 @@ impl MetalGpu {
         })
     }
 
-    /// Returns the submissions that are still running. Releases the commands that wait for a failed submission.
+    /// Locks and returns the submissions that are still running. Records the first failure, and releases the commands
+    /// that wait for a failed submission.
     pub(crate) fn in_flight(&self) -> MutexGuard<'_, Vec<Submission>> {
         let mut all = lock(&self.in_flight);
         all.retain(|submission| {

@@ -90,7 +90,7 @@ impl Drop for Memory {
     }
 }
 
-/// Returns a buffer's length: shaders and fills access whole words.
+/// Returns a buffer's length in bytes, rounded up because shaders and fills access whole words.
 fn length(desc: &BufferDesc) -> u64 {
     desc.bytes.next_multiple_of(4)
 }

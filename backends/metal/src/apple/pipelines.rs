@@ -92,7 +92,7 @@ impl Pipelines {
     }
 }
 
-/// Translates shaders to Metal source, if any are not translated yet.
+/// Returns the plan with all shaders translated to Metal source; borrows it if they already are.
 fn translated(plan: &Plan) -> Result<Cow<'_, Plan>, BackendError> {
     if plan.shaders.iter().all(|shader| shader.msl.is_some()) {
         return Ok(Cow::Borrowed(plan));

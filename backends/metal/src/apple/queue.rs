@@ -117,7 +117,7 @@ impl Timestamps {
         lock(&self.0.frame).complete(times);
     }
 
-    /// Reads the first `count` timestamps, in nanoseconds.
+    /// Reads the first `count` timestamps, in nanoseconds; see [`FrameTimes::timestamps`].
     pub(crate) fn read(&self, count: u32) -> Vec<Option<u64>> {
         let frame = lock(&self.0.frame);
         let used = frame.samples();

@@ -48,7 +48,8 @@ impl splatgraph_runtime::Swapchain<MetalGpu> for Swapchain {
         Ok(Swapchain { layer, size, drawable: None, output: None })
     }
 
-    /// Acquires a drawable. Blocks until one is free, for at most a second (`allowsNextDrawableTimeout`).
+    /// Acquires a drawable. Blocks until one is free; returns [`Acquired::NotReady`] if none is after a second
+    /// (`allowsNextDrawableTimeout`).
     fn acquire(&mut self, _: usize) -> Result<Acquired, BackendError> {
         self.drawable = objc::pool(|| self.layer.next_drawable().map(ToOwned::to_owned));
         Ok(match &self.drawable {

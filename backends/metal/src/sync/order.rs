@@ -226,7 +226,8 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// Places barriers in an encoder between the earlier passes of `needs` and the pass at `position`.
+/// Places or extends barriers in an encoder between the earlier passes of `needs` and the pass at `position`, unless
+/// existing barriers order them.
 fn place<'a>(ordered: &mut Ordered<'a>, position: usize, mut needs: Vec<Need<'a>>) {
     needs.retain(|need| {
         let covers = |barrier: &Option<MemoryBarrier>| barrier.is_some_and(|b| b.contains(need.scope));

@@ -58,7 +58,7 @@ impl Sketch {
         self.resource(name, shape, Source::Frame { uniform: name.into() })
     }
 
-    /// Puts a resource into the memory of another.
+    /// Puts a resource into the memory of another. Its own block remains, without resources.
     pub fn share(&mut self, id: ResourceId, with: ResourceId) {
         let block = self.plan.resource(with).block;
         let old = std::mem::replace(&mut self.plan.resources[id.index()].block, block);

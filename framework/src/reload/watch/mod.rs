@@ -47,7 +47,7 @@ pub const POLLING: Duration = Duration::from_millis(200);
 pub struct FileChange {
     /// Sorted paths, as in [`Wanted::path`], including missing and new files.
     pub files: Vec<PathBuf>,
-    /// Time of the first event: close to the moment of saving.
+    /// Time of the first event, close to the moment of saving. Without an event, time of the look that found a change.
     pub first_seen: Instant,
 }
 
@@ -269,7 +269,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         }
     }
 
-    /// Returns the time of the next look if no event comes; `None` if there is nothing to look at.
+    /// Returns the time of the next look if no event comes; `None` to wait for a message.
     fn next_look(&self) -> Option<Instant> {
         let rounds = if self.native.is_some() { self.patience.rounds } else { Some(POLLING) };
         let rounds = rounds.filter(|_| !self.subjects.is_empty()).map(|rounds| self.looked + rounds);
@@ -301,7 +301,8 @@ impl<Wake: Fn()> LookOut<Wake> {
         self.looked = now;
     }
 
-    /// Returns true if an event may concern a wanted file.
+    /// Returns true if an event may concern a wanted file. Marks the watches that it may have broken as stale. Starts
+    /// to poll if the system has no watch left.
     fn matters(&mut self, event: &notify::Result<notify::Event>) -> bool {
         let event = match event {
             Ok(event) if !event.need_rescan() => event,
@@ -330,8 +331,8 @@ impl<Wake: Fn()> LookOut<Wake> {
         matters
     }
 
-    /// Updates the watched folders, and rereads the files that may have changed. `noticed` is the time of the event
-    /// that caused the look.
+    /// Updates the watched folders, and rereads the files that may have changed. `noticed` is the time of the event or
+    /// timeout that caused the look.
     fn look(&mut self, noticed: Instant) {
         self.watch_folders();
         let now = Instant::now();
@@ -365,7 +366,8 @@ impl<Wake: Fn()> LookOut<Wake> {
         }
     }
 
-    /// Makes `watched` equal to `folders`. Returns true if it added any.
+    /// Watches exactly these folders, without missing ones. Returns true if it added any. Starts to poll if the watch
+    /// of a folder with a set flag fails, or the system has no watch left. Does nothing while polling.
     fn update(&mut self, folders: &BTreeMap<PathBuf, bool>) -> bool {
         let Some(native) = &mut self.native else { return false };
         let stale = std::mem::take(&mut self.stale);

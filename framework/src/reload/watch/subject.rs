@@ -1,7 +1,8 @@
 //! Tracks one wanted file: whether its contents differ from those that a build read, and when to report a difference.
 //!
-//! A difference is *pending* until the file has been unchanged for a while, so that a burst of writes is one change.
-//! The delay is longer for a missing or empty file, because many editors begin a save that way.
+//! A difference is *pending* until the file has been unchanged for a while, so that a burst of writes is one change,
+//! or has kept changing for too long. The delay is longer for a missing or empty file, because many editors begin a
+//! save that way.
 
 use std::fs::{self, Metadata};
 use std::path::{Path, PathBuf};
@@ -111,7 +112,7 @@ impl Subject {
         self.glance = Some(Glance { stamp, content });
     }
 
-    /// Updates the pending difference from the last look. `noticed` is the time of the event that caused the look.
+    /// Updates the pending difference from the last look. `noticed` is the time of the event or timeout that caused it.
     pub fn weigh(&mut self, noticed: Instant, now: Instant) {
         let Some(glance) = self.glance else { return };
         if glance.content == self.told {

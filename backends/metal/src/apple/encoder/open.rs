@@ -51,7 +51,8 @@ impl Encoder {
         }
     }
 
-    /// Returns the sample buffer for the encoder being opened, and the index of the first of its two samples.
+    /// Returns the sample buffer for the encoder being opened, and the index of the first of its two samples. `None` if
+    /// the encoder is not timed.
     fn samples(&mut self) -> Option<(CounterSampleBuffer, u64)> {
         let first = self.sample.take()?;
         let samples = self.times.as_ref()?.take(first)?;
