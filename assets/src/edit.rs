@@ -330,6 +330,9 @@ mod tests {
         assert_eq!(joined(&[tagged, tagged]), tagged);
         let none = FileNotes::default();
         // Tags that the first two scenes have mixed stay mixed, whether later values equal the default or the first's.
+        let both = FileNotes { key_of: SortKey::Distance, ..tagged };
+        assert_eq!(joined(&[both, tagged]).tags(), tagged.tags());
+        assert!(with(both).without_tags().notes().tags().is_empty());
         let mixed = joined(&[tagged, none, none, tagged]);
         assert_eq!((mixed.tags(), mixed.mixed_tags()), (vec![], Some("low_pass, up".to_owned())));
         assert_eq!(joined(&[mixed, distance]).mixed_tags(), Some("low_pass, key_of, up".to_owned()));

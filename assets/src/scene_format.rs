@@ -146,8 +146,10 @@ mod tests {
     #[test]
     fn a_file_name_names_the_format_of_its_longest_extension() {
         for format in SceneFormat::ALL {
-            let name = format!("folder/A.{}", format.extension().to_uppercase());
-            assert_eq!(SceneFormat::of_name(Path::new(&name)), Some(format), "{name}");
+            for end in format.extensions() {
+                let name = format!("folder/A.{}", end.to_uppercase());
+                assert_eq!(SceneFormat::of_name(Path::new(&name)), Some(format), "{name}");
+            }
         }
         assert_eq!(SceneFormat::of_name(Path::new("ply")), None);
     }

@@ -56,7 +56,7 @@ pub(super) fn comments(notes: FileNotes) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Scene, SortKey};
+    use crate::scene::Scene;
     use crate::testing::{says, splat, written};
     use crate::{QUIET, SceneFormat};
 
@@ -86,17 +86,5 @@ mod tests {
         let bytes = written(&Scene::generate(3, 0, splat), SceneFormat::Ply);
         let text = String::from_utf8_lossy(&bytes).replace("scale_2", "other_2");
         says(Scene::parse(text.as_bytes(), QUIET).unwrap_err(), "2D Gaussians (2DGS)");
-    }
-
-    #[test]
-    fn joined_scenes_keep_the_tags_that_all_have() {
-        let tagged = |low_pass, key_of| {
-            let notes = FileNotes { low_pass, key_of, ..FileNotes::default() };
-            Scene::generate(1, 0, splat).with_notes(notes)
-        };
-        let scenes = [tagged(Filter::Mip, SortKey::Distance), tagged(Filter::Mip, SortKey::Depth)];
-        let notes = Scene::joined(&scenes).unwrap().notes();
-        assert_eq!((notes.low_pass, notes.key_of), (Filter::Mip, SortKey::Depth));
-        assert!(scenes.into_iter().all(|scene| scene.without_tags().notes().tags().is_empty()));
     }
 }

@@ -3,19 +3,15 @@
 #[path = "../../tests/files/sog.rs"]
 mod sog_file;
 
-use super::{header, parse as read};
+use super::header;
 use crate::error::SceneError;
-use crate::input::{Input, SceneHeader, Source};
+use crate::input::{SceneHeader, Source};
 use crate::scene::Scene;
-use crate::testing::says;
+use crate::testing::{parse, says};
 use serde_json::{Value, json};
 use sog_file::{folder, small, two, version_1, webp, zipped};
 use std::path::Path;
 use zip::CompressionMethod;
-
-fn parse(bytes: &[u8]) -> Result<Scene, SceneError> {
-    read(&Input { source: &Source::Bytes(bytes), memory: Some(1 << 30), progress: crate::QUIET }, None, None)
-}
 
 fn archive(meta: &Value, files: &[(&'static str, Vec<u8>)]) -> Vec<u8> {
     sog_file::archive(&(meta.clone(), files.to_vec()), CompressionMethod::Stored)

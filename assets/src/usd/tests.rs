@@ -211,11 +211,3 @@ fn numbers_that_stay_in_the_file_need_no_memory() {
     let scene = Scene::host_bytes(20, 1);
     assert!(binary < buffers + 2 * scene, "{binary} bytes, for buffers of {buffers} and a scene of {scene}");
 }
-
-#[test]
-fn a_name_of_any_extension_is_the_format() {
-    use crate::SceneFormat;
-    for name in ["a.usd", "a.usda", "a.USDC", "a.usdz"] {
-        assert_eq!(SceneFormat::of_name(name.as_ref()), Some(SceneFormat::Usd));
-    }
-}

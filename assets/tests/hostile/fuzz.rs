@@ -14,15 +14,21 @@ use std::io::{Cursor, Read as _, Write as _};
 use std::path::Path;
 use zip::{CompressionMethod, ZipArchive};
 
+/// Generates the scene of a name with a number of splats, and writes it.
+fn written(
+    (generator, count): (&str, u32),
+    write: impl Fn(&Scene, &mut Vec<u8>) -> std::io::Result<()>,
+) -> Vec<u8> {
+    let scene = synth::generate(generator, count, 0).expect("it is generated");
+    let mut bytes = Vec::new();
+    write(&scene, &mut bytes).expect("memory takes it");
+    bytes
+}
+
 /// Builds small PLY files in all encodings, with the lengths of their headers.
 fn scenes() -> Vec<(Vec<u8>, usize)> {
-    let mut seeds = Vec::new();
-    for (generator, count) in [("uniform", 6), ("needles", 9), ("demo", 3)] {
-        let scene = synth::generate(generator, count, 0).expect("it is generated");
-        let mut bytes = Vec::new();
-        scene.write_ply_to(&mut bytes).expect("memory takes it");
-        seeds.push(bytes);
-    }
+    let generated = [("uniform", 6), ("needles", 9), ("demo", 3)];
+    let mut seeds: Vec<_> = generated.map(|of| written(of, |scene, out| scene.write_ply_to(out))).into();
     let names = "x y z scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 opacity f_dc_0 f_dc_1 f_dc_2";
     let face = |name: &str| format!("element {name} 2\nproperty list uchar int l\nproperty uchar flags\n");
     for (format, kind) in
@@ -57,7 +63,7 @@ fn scenes() -> Vec<(Vec<u8>, usize)> {
         seeds.push(bytes);
     }
     let header = |bytes: &[u8]| bytes.windows(11).position(|w| w == b"end_header\n").map_or(0, |at| at + 11);
-    seeds.into_iter().map(|bytes| (header(&bytes), bytes)).map(|(head, bytes)| (bytes, head)).collect()
+    seeds.iter().map(|bytes| (bytes.clone(), header(bytes))).collect()
 }
 
 #[test]
@@ -69,23 +75,12 @@ fn damaged_scenes_are_read_or_refused() {
 
 /// Builds small scenes in a format whose header has `head` bytes.
 fn packed_scenes(format: SceneFormat, head: usize) -> Vec<(Vec<u8>, usize)> {
-    let scenes = [("uniform", 6), ("needles", 300), ("demo", 3)];
-    let seeds = scenes.map(|(generator, count)| {
-        let scene = synth::generate(generator, count, 0).expect("it is generated");
-        let mut bytes = Vec::new();
-        scene.write(format, splatgraph_assets::QUIET, &mut bytes).expect("memory takes it");
-        bytes
-    });
-    seeds.into_iter().map(|bytes| (bytes, head)).collect()
+    let write = |scene: &Scene, out: &mut Vec<u8>| scene.write(format, splatgraph_assets::QUIET, out);
+    [("uniform", 6), ("needles", 300), ("demo", 3)].map(|of| (written(of, write), head)).into()
 }
 
 fn spz3_scenes() -> [Vec<u8>; 2] {
-    [("uniform", 6), ("demo", 3)].map(|(generator, count)| {
-        let scene = synth::generate(generator, count, 0).expect("it is generated");
-        let mut bytes = Vec::new();
-        scene.write_spz(SpzVersion::V3, &mut bytes).expect("memory takes it");
-        bytes
-    })
+    [("uniform", 6), ("demo", 3)].map(|of| written(of, |scene, out| scene.write_spz(SpzVersion::V3, out)))
 }
 
 fn parse(bytes: &[u8]) -> Result<(), String> {
@@ -329,8 +324,7 @@ fn damaged_cameras_are_read_or_refused() {
     let pretty = std::fs::read(&path).unwrap();
     let one = br#"[{"id": 3, "img_name": "a\u0041\ud83d\ude00", "width": 4, "height": 2, "position": [1, 2, 3.5], "lens": {"x": [1, null]},
         "rotation": [[1,0,0],[0,1,0],[0,0,1]], "fx": 5.0, "fy": 6e0}]"#;
-    let seeds: Vec<_> = [pretty, one.to_vec()].into_iter().map(|bytes| (bytes.len(), bytes)).collect();
-    let seeds: Vec<_> = seeds.into_iter().map(|(head, bytes)| (bytes, head)).collect();
+    let seeds = [pretty, one.to_vec()].map(|bytes| (bytes.clone(), bytes.len()));
     run("cameras", &seeds, 1 << 20, |bytes| {
         let Ok(text) = std::str::from_utf8(bytes) else { return Err("not UTF-8".into()) };
         sound(Dataset::parse(text, Path::new("c.json")))
