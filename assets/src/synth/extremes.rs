@@ -192,9 +192,10 @@ pub(super) fn quaternions(count: u32, seed: u64) -> Made {
     })
 }
 
-pub(super) fn harmonics(count: u32, seed: u64) -> Made {
+/// Generates coefficients of up to `most`.
+pub(super) fn harmonics(count: u32, seed: u64, most: f64) -> Made {
     changed_cloud(count, seed, 3, |_, random, splat| {
-        splat.sh = std::array::from_fn(|_| random.range(-1e4, 1e4) as f32);
+        splat.sh = std::array::from_fn(|_| random.range(-most, most) as f32);
     })
 }
 
@@ -209,14 +210,15 @@ fn layer(i: usize, color: [f64; 3]) -> Splat {
     }
 }
 
-/// Generates layers of colours that differ.
+/// Generates a layer of a colour that differs from the others'.
+fn colored_layer(i: usize, count: u32, seed: u64) -> Splat {
+    let random = &mut Random::new(seed, i as u64);
+    // A gradient, so that a picture shows which layers it contains.
+    layer(i, [random.range(0.6, 1.0), random.range(0.3, 0.7), i as f64 / f64::from(count.max(1))])
+}
+
 pub(super) fn layers(count: u32, seed: u64, opacity: f32) -> Made {
-    Scene::try_generate(count, 0, |i| {
-        let random = &mut Random::new(seed, i as u64);
-        // A gradient, so that a picture shows which layers it contains.
-        let color = [random.range(0.6, 1.0), random.range(0.3, 0.7), i as f64 / f64::from(count.max(1))];
-        Splat { opacity, ..layer(i, color) }
-    })
+    Scene::try_generate(count, 0, |i| Splat { opacity, ..colored_layer(i, count, seed) })
 }
 
 pub(super) fn layers_dark(count: u32, seed: u64) -> Made {
@@ -230,20 +232,10 @@ pub(super) fn layers_dark(count: u32, seed: u64) -> Made {
 /// of eight opacities are below it.
 pub(super) fn floor(count: u32, seed: u64) -> Made {
     let floor = (1.0f32 / 255.0).to_bits();
-    Scene::try_generate(count, 0, |i| {
-        let random = &mut Random::new(seed, i as u64);
-        let color = [random.range(0.6, 1.0), random.range(0.3, 0.7), i as f64 / f64::from(count.max(1))];
-        Splat {
-            opacity: f32::from_bits(floor - 3 + i as u32 % 8),
-            scale: [1e6, 1e6, 0.01],
-            ..layer(i, color)
-        }
-    })
-}
-
-pub(super) fn bright(count: u32, seed: u64) -> Made {
-    changed_cloud(count, seed, 3, |_, random, splat| {
-        splat.sh = std::array::from_fn(|_| random.range(-1e5, 1e5) as f32);
+    Scene::try_generate(count, 0, |i| Splat {
+        opacity: f32::from_bits(floor - 3 + i as u32 % 8),
+        scale: [1e6, 1e6, 0.01],
+        ..colored_layer(i, count, seed)
     })
 }
 

@@ -121,7 +121,7 @@ const GENERATORS: [Generator; 26] = [
     extreme(
         "harmonics",
         "spherical harmonics of degree 3 with coefficients of up to 10,000",
-        extremes::harmonics,
+        |count, seed| extremes::harmonics(count, seed, 1e4),
     ),
     layered("layers-opaque", "layers across the view that are nearly opaque", |count, seed| {
         extremes::layers(count, seed, 0.98)
@@ -137,7 +137,9 @@ const GENERATORS: [Generator; 26] = [
         "layers whose opacities are the eight floats around the floor of 1/255; a file's logits hold two",
         extremes::floor,
     ),
-    extreme("bright", "spherical harmonics of degree 3 with coefficients of up to 100,000", extremes::bright),
+    extreme("bright", "spherical harmonics of degree 3 with coefficients of up to 100,000", |count, seed| {
+        extremes::harmonics(count, seed, 1e5)
+    }),
     Generator {
         default_count: 18,
         cameras: || vec![extremes::crossing_camera()],
