@@ -108,6 +108,11 @@ impl Bounds {
     }
 }
 
+/// Returns the largest absolute value of a vector's components.
+pub(crate) fn largest(vector: [f32; 3]) -> f32 {
+    vector.into_iter().fold(0.0, |most, value| value.abs().max(most))
+}
+
 /// Selects the value at a quantile (0 to 1, nearest rank). Reorders the values; there must be at least one.
 pub(crate) fn quantile<T: Copy + Into<f64>>(values: &mut [T], q: f64) -> T {
     let rank = ((values.len() - 1) as f64 * q).round() as usize;

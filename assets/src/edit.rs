@@ -1,6 +1,7 @@
 //! Derives scenes from others: selects, orders, transforms and joins splats.
 
 use crate::activation::quantised;
+use crate::bounds::largest;
 use crate::harmonics::Turn;
 use crate::memory::SceneMemoryError;
 use crate::mesh::Mesh;
@@ -19,10 +20,6 @@ fn on_axis(direction: DVec3) -> DVec3 {
     const ROUNDING: f64 = 1e-12;
     let axis = DVec3::from(direction.to_array().map(|v| v.round() + 0.0));
     if axis.distance(direction) < ROUNDING { axis } else { direction }
-}
-
-fn largest(scale: [f32; 3]) -> f64 {
-    f64::from(scale[0].max(scale[1]).max(scale[2]))
 }
 
 impl Scene {
@@ -87,7 +84,7 @@ impl Scene {
     pub fn transformed(&self, by: &Similarity) -> Result<Self, SceneMemoryError> {
         let turn = Turn::new(by.rotation);
         let degree = self.stored_degree();
-        let size = |index: usize| by.scale * largest(self.scales()[index]);
+        let size = |index: usize| by.scale * f64::from(largest(self.scales()[index]));
         let world = |index| by.point(DVec3::from(self.world_position(index)));
         let is_offset = self.offset() != [0.0; 3];
         let (offset, wide) = if !is_offset && !self.is_wide() {
@@ -153,7 +150,7 @@ impl Scene {
         };
         let size = |index| {
             let (scene, local) = place(index);
-            largest(scene.scales()[local])
+            largest(scene.scales()[local]).into()
         };
         let offset = DVec3::from(scenes[0].offset());
         let offset = Self::finer_origin(count, offset, world, size).unwrap_or(offset);
@@ -330,12 +327,12 @@ mod tests {
         assert_eq!(joined(&[tagged, tagged]), tagged);
         let none = FileNotes::default();
         // Tags that the first two scenes have mixed stay mixed, whether later values equal the default or the first's.
-        let both = FileNotes { key_of: SortKey::Distance, ..tagged };
-        assert_eq!(joined(&[both, tagged]).tags(), tagged.tags());
-        assert!(with(both).without_tags().notes().tags().is_empty());
         let mixed = joined(&[tagged, none, none, tagged]);
         assert_eq!((mixed.tags(), mixed.mixed_tags()), (vec![], Some("low_pass, up".to_owned())));
         assert_eq!(joined(&[mixed, distance]).mixed_tags(), Some("low_pass, key_of, up".to_owned()));
+        let both = FileNotes { key_of: SortKey::Distance, ..tagged };
+        assert_eq!(joined(&[both, tagged]).tags(), tagged.tags());
+        assert!(with(both).without_tags().notes().tags().is_empty());
         assert_eq!((tagged.mixed_tags(), mixed.without_tags()), (None, none));
         let report = crate::report::Report::new(&with(mixed), &[]).to_string();
         assert!(report.contains("low_pass, up: the merged scenes differ"), "{report}");

@@ -3,7 +3,7 @@
 //! Flaws are, for example, floaters far from most splats, which waste the bits of a depth key, and splats as large as
 //! the scene. The report counts them, and the splats that were dropped on load; it does not change the scene.
 
-use crate::bounds::{WorldBounds, median, quantile};
+use crate::bounds::{self, WorldBounds, median, quantile};
 use crate::camera::Camera;
 use crate::formats::LargeSteps;
 use crate::scene::{ALPHA_FLOOR, CoarsePositions, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene};
@@ -124,7 +124,7 @@ impl Report {
         let (robust_bounds, offset) = (scene.robust_bounds(), scene.offset());
         let robust_extent = robust_bounds.extent();
         let mut largest: Vec<f32> =
-            scene.scales().par_iter().with_min_len(CHUNK).map(|s| s[0].max(s[1]).max(s[2])).collect();
+            scene.scales().par_iter().with_min_len(CHUNK).copied().map(bounds::largest).collect();
         let count_above = |limit: f64| largest.par_iter().filter(|s| f64::from(**s) > limit).count() as u64;
         let outer = robust_bounds.grown(10.0);
         let outliers = scene.positions().par_iter().filter(|p| !outer.contains(**p)).count() as u64;

@@ -1,5 +1,6 @@
 //! Computes the steps of positions in formats that store them as integers between bounds.
 
+use crate::bounds::largest;
 use crate::scene::Scene;
 use crate::scene_format::SceneFormat;
 use crate::size_breakdown::grouped;
@@ -30,10 +31,9 @@ impl Scene {
     /// 1/100 of all, or if the format's steps do not depend on the extent of the scene or of a chunk.
     pub fn large_steps(&self, format: SceneFormat) -> Option<LargeSteps> {
         let count = self.count() as usize;
-        let largest = |index: usize| self.scales()[index].into_iter().fold(0.0, f32::max);
         let of = |step: &(dyn Fn(usize) -> f64 + Sync)| {
             let steps = (0..count).into_par_iter().with_min_len(CHUNK);
-            let steps = steps.map(|index| (step(index), largest(index)));
+            let steps = steps.map(|index| (step(index), largest(self.scales()[index])));
             let large = steps.filter(|(step, size)| *step > f64::from(*size)).map(|(step, _)| (step, 1));
             large.reduce(|| (0.0, 0), |a, b| (a.0.max(b.0), a.1 + b.1))
         };

@@ -1,7 +1,7 @@
 //! Gathers statistics of splats as they are stored, such as how many were dropped and why.
 
 use super::splat::Splat;
-use crate::bounds::Bounds;
+use crate::bounds::{Bounds, largest};
 use serde::Serialize;
 use std::fmt;
 
@@ -145,7 +145,6 @@ impl Gathered {
     }
 
     pub(super) fn add_low(&mut self, low: [f32; 3], scale: [f32; 3]) {
-        let largest = |v: [f32; 3]| v.into_iter().fold(0.0, |most: f32, v| most.max(v.abs()));
         // The lower bound avoids 0 / 0 for a splat without extent. Any rounding of such a splat counts as large.
         self.rounding = self.rounding.max(largest(low) / largest(scale).max(f32::MIN_POSITIVE));
     }

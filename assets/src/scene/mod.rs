@@ -20,7 +20,7 @@ pub use parts::ScenePart;
 pub use splat::{Splat, sh_floats};
 
 use crate::activation;
-use crate::bounds::{Bounds, median};
+use crate::bounds::{Bounds, largest, median};
 use crate::harmonics;
 use crate::memory::{self, SceneMemoryError};
 use crate::mesh::Mesh;
@@ -382,7 +382,7 @@ impl Scene {
 
     /// Computes the median of each splat's largest standard deviation; 0 without splats.
     pub fn median_size(&self) -> f32 {
-        let mut largest: Vec<f32> = self.scales().iter().map(|s| s[0].max(s[1]).max(s[2])).collect();
+        let mut largest: Vec<f32> = self.scales().iter().copied().map(largest).collect();
         median(&mut largest)
     }
 

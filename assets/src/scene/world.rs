@@ -2,7 +2,7 @@
 
 use super::gathered::CoarsePositions;
 use super::{Scene, Splat, normalised};
-use crate::bounds::median;
+use crate::bounds::{largest, median};
 use crate::memory::SceneMemoryError;
 use crate::ply::origin::Sample;
 use crate::words::CHUNK;
@@ -35,10 +35,9 @@ impl Scene {
     /// Steps within 8 times the scene's size from the origin are never coarse, however small the splats are.
     pub fn coarse_positions(&self) -> Option<CoarsePositions> {
         const VISIBLE: f32 = 1.0 / 8.0;
-        let largest = |v: &[f32; 3]| v.iter().fold(0.0, |most: f32, v| most.max(v.abs()));
         let step = |v: f32| v.next_up() - v;
         let (mut steps, mut sizes): (Vec<f32>, Vec<f32>) = sampled(self.count())
-            .map(|index| (step(largest(&self.positions()[index])), largest(&self.scales()[index])))
+            .map(|index| (step(largest(self.positions()[index])), largest(self.scales()[index])))
             .unzip();
         let coarse = steps.iter().zip(&sizes).filter(|(step, size)| **step > VISIBLE * **size).count();
         if self.is_wide() || 2 * coarse <= steps.len() {
