@@ -101,28 +101,27 @@ impl File<'_> {
     fn binary<const BIG: bool>(&self) -> Result<Body, SceneError> {
         let Self { input, header, layout } = *self;
         let used = |element: &Element, column| self.uses(element, column);
+        let wide = layout.wide();
+        let is_wide = wide.contains(&true);
+        let coordinate = |row: &[u8], axis: usize| {
+            let place = layout.slots[axis];
+            place.scalar.wide::<BIG>(&row[place.offset..])
+        };
         let (elements, tables) = binary::elements(input.source, header, BIG, used)?;
         let (table, count) = (tables["vertex"], header.vertex()?.count);
         let mut origin = [0.0; 3];
-        if let Some(mut sample) = Sample::of(layout, count) {
-            let mut row = vec![0; table.stride];
+        if is_wide {
+            let (mut sample, mut row) = (Sample::new(wide, count), vec![0; table.stride]);
             for index in (0..count).step_by(sample.every as usize) {
                 table.read(index as usize, 1, &mut row)?;
-                for (axis, slot) in layout.slots[..3].iter().enumerate() {
-                    sample.add(axis, slot.scalar.wide::<BIG>(&row[slot.offset..]));
-                }
+                sample.add([0, 1, 2].map(|axis| coordinate(&row, axis)));
             }
             origin = sample.origin();
         }
-        let wide = layout.wide();
-        let is_wide = wide.contains(&true);
         let done = Done::new(count * layout.stride as u64, input.progress)?;
         let filled =
             input.fill((count, layout.harmonics.degree, is_wide), [table], 0, &done, |[row], _, out| {
-                let position = |axis: usize| {
-                    let place = layout.slots[axis];
-                    place.scalar.wide::<BIG>(&row[place.offset..]) - origin[axis]
-                };
+                let position = |axis: usize| coordinate(row, axis) - origin[axis];
                 let (splat, norm) = layout.splat(|slot| match wide.get(slot) {
                     Some(true) => position(slot) as f32,
                     _ => {
@@ -169,7 +168,8 @@ impl File<'_> {
     ) -> Result<(Filled, [f64; 3], Vec<u64>), SceneError> {
         let Self { input, layout, .. } = *self;
         let start = lines.place().at;
-        let mut sample = Sample::of(layout, vertex.count);
+        let is_wide = layout.wide().contains(&true);
+        let mut sample = is_wide.then(|| Sample::new(layout.wide(), vertex.count));
         let mut chunks = Vec::new();
         chunks.try_reserve_exact(vertex.count as usize / CHUNK + 1).map_err(std::io::Error::from)?;
         // A row has at least one digit per column, and blanks between them. A shorter line fails before the allocation.
@@ -183,14 +183,12 @@ impl File<'_> {
                 return Err(short_row(&line, vertex, row));
             }
             if let Some(sample) = sample.as_mut().filter(|sample| row % sample.every == 0) {
-                for (axis, slot) in layout.slots[..3].iter().enumerate() {
-                    // A word that is not a number is reported below, with its line.
-                    sample.add(axis, ascii::wide(&line, slot.column).unwrap_or(f64::NAN));
-                }
+                // A word that is not a number is reported below, with its line.
+                let coordinate = |axis: usize| ascii::wide(&line, layout.slots[axis].column);
+                sample.add([0, 1, 2].map(|axis| coordinate(axis).unwrap_or(f64::NAN)));
             }
         }
         let origin = sample.map_or([0.0; 3], Sample::origin);
-        let is_wide = layout.wide().contains(&true);
         let mut columns = input.allocate(vertex.count, layout.harmonics.degree, is_wide, (0, 0))?;
         let done = Done::new(lines.place().at - start, input.progress)?;
         let sizes: Vec<AtomicU64> = vertex.properties.iter().map(|_| AtomicU64::new(0)).collect();
@@ -210,11 +208,7 @@ impl File<'_> {
                     return Err(short_row(&line, vertex, row));
                 }
                 let (splat, norm) = layout.splat(|slot| slots[slot]);
-                if is_wide {
-                    out.push_wide(&splat, position, norm);
-                } else {
-                    out.push(&splat, norm);
-                }
+                out.push_wide(&splat, position, norm);
             }
             for (sum, size) in sizes.iter().zip(chunk_sizes) {
                 sum.fetch_add(size, Ordering::Relaxed);

@@ -4,20 +4,10 @@ use super::gathered::CoarsePositions;
 use super::{Scene, Splat, normalised};
 use crate::bounds::{largest, median};
 use crate::memory::SceneMemoryError;
-use crate::ply::origin::Sample;
+use crate::ply::origin::origin;
 use crate::words::CHUNK;
 use glam::DVec3;
 use rayon::prelude::*;
-
-/// Chooses the origin as for a PLY file of doubles.
-fn origin(count: u32, position: &impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
-    let mut sample = Sample::new([true; 3], count.into());
-    for index in (0..count).step_by(sample.every as usize) {
-        let position = position(index as usize);
-        (0..3).for_each(|axis| sample.add(axis, position[axis]));
-    }
-    sample.origin()
-}
 
 /// Maximum number of splats that stand for all.
 const SAMPLES: usize = 1000;
@@ -61,7 +51,7 @@ impl Scene {
         position: impl Fn(usize) -> [f64; 3] + Sync,
         splat: impl Fn(usize) -> Splat + Sync,
     ) -> Result<Self, SceneMemoryError> {
-        let origin = origin(count, &position);
+        let origin = origin(count.into(), &position);
         let scene = Self::generated(count, degree, true, |index| {
             let (splat, norm) = normalised(splat(index));
             let world = position(index);
@@ -120,7 +110,7 @@ impl Scene {
         let centre = mean(&|index| position(index));
         let spread = mean(&|index| (position(index) - centre).abs()).max_element();
         let shift = mean(&|index| DVec3::splat(shift(position(index) - offset))).x;
-        (shift > FAR * spread).then(|| origin(count, &|index| position(index).into()).into())
+        (shift > FAR * spread).then(|| origin(count.into(), |index| position(index).into()).into())
     }
 }
 

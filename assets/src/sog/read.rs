@@ -6,7 +6,7 @@ use crate::activation;
 use crate::error::SceneError;
 use crate::input::{self, Done, Input, SceneHeader, Source, Table};
 use crate::memory::SceneMemoryError;
-use crate::ply::origin::Sample;
+use crate::ply::origin::origin;
 use crate::scene::{FileNotes, Scene, Splat, sh_floats};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -145,13 +145,11 @@ pub(super) fn parse(
 
     let degree = entries.as_ref().map_or(0, |entries| entries.bands);
     let is_wide = meta.means.is_wide();
-    let mut sample = Sample::new([is_wide; 3], count);
-    for row in (0..count).step_by(sample.every as usize) {
-        let [low, high] = [0, 1].map(|at: usize| &textures[at][row as usize * TEXEL..][..TEXEL]);
-        let position = meta.means.position(low, high);
-        (0..3).for_each(|axis| sample.add(axis, position[axis]));
-    }
-    let origin = sample.origin();
+    let position = |row: usize| {
+        let [low, high] = [0, 1].map(|at: usize| &textures[at][row * TEXEL..][..TEXEL]);
+        meta.means.position(low, high)
+    };
+    let origin = if is_wide { origin(count, position) } else { [0.0; 3] };
     let tables = textures.each_ref().map(|texels| match texels.is_empty() {
         true => Table::NONE,
         false => Table::new(Source::Bytes(texels), 0, TEXEL),
