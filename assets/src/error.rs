@@ -2,6 +2,7 @@
 
 use crate::memory::SceneMemoryError;
 use crate::scene_format::SceneFormat;
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 /// An error while loading a scene file.
@@ -55,28 +56,14 @@ pub enum SceneError {
     #[error("expected a scene with levels, a streamed SOG (lod-meta.json), found one without")]
     NoLevels,
 
-    /// A field of a binary file is damaged, or has a value that the format or this reader does not allow.
-    #[error("byte {at}, `{field}`: {message}")]
-    Field {
-        /// Offset of the field, in the file or in its decompressed data.
-        at: u64,
-        /// The field's name in the format's description.
-        field: String,
-        /// Expected and found values, as a sentence.
-        message: String,
-    },
+    /// A field of a binary file, or a line of a text, is damaged, or has a value that the format or this reader does not
+    /// allow. The text begins with the offset of the field, in the file or in its decompressed data, or with the number
+    /// of the line.
+    #[error("{0}")]
+    Malformed(String),
 
-    /// A named part of the scene is missing or damaged, or has an invalid value.
-    #[error("`{part}`: {message}")]
-    Part {
-        /// Name of the part: a file of the scene, a value in its JSON, or an object such as `accessor 0` or a USD path.
-        part: String,
-        /// Expected and found values, as a sentence.
-        message: String,
-    },
-
-    /// A PLY file has a wrong header or length, or a composition is malformed. The text states what was expected and
-    /// found, and where.
+    /// A part of the scene is missing, damaged or malformed. The text states what was expected and found, and where: in
+    /// the header of a PLY, a file of the scene, a value in its JSON, or an object such as `accessor 0` or a USD path.
     #[error("{0}")]
     Invalid(String),
 
@@ -121,15 +108,6 @@ pub enum SceneError {
     /// A scene of a composition cannot be loaded.
     #[error(transparent)]
     Placed(Box<LoadError>),
-
-    /// A line is malformed: of a text file, or of the JSON in a file.
-    #[error("line {line}: {message}")]
-    Row {
-        /// Line, counted from 1.
-        line: u64,
-        /// Expected and found values, as a sentence.
-        message: String,
-    },
 }
 
 impl SceneError {
@@ -148,19 +126,30 @@ impl SceneError {
     /// the scene.
     pub(crate) fn in_file(self, name: &str) -> Self {
         match self {
-            Self::Field { .. } | Self::Row { .. } => wrong(name, self.to_string()),
+            Self::Malformed(message) => wrong(name, message),
             other => other,
         }
     }
+
+    /// Fails for more splats than a 32-bit index can address.
+    pub(crate) fn check_count(count: u64) -> Result<(), Self> {
+        if count > u32::MAX.into() { Err(Self::TooMany { count }) } else { Ok(()) }
+    }
 }
 
-pub(crate) fn field(at: u64, name: impl Into<String>, message: impl Into<String>) -> SceneError {
-    SceneError::Field { at, field: name.into(), message: message.into() }
+/// Creates the error for a field of a binary file.
+pub(crate) fn field(at: u64, name: impl Display, message: impl Display) -> SceneError {
+    SceneError::Malformed(format!("byte {at}, `{name}`: {message}"))
 }
 
-/// Creates the error for a named part of the scene: see [`SceneError::Part`].
-pub(crate) fn wrong(part: impl Into<String>, message: impl Into<String>) -> SceneError {
-    SceneError::Part { part: part.into(), message: message.into() }
+/// Creates the error for a line of a text, counted from 1.
+pub(crate) fn row(line: u64, message: impl Display) -> SceneError {
+    SceneError::Malformed(format!("line {line}: {message}"))
+}
+
+/// Creates the error for a named part of the scene: see [`SceneError::Invalid`].
+pub(crate) fn wrong(part: impl Display, message: impl Display) -> SceneError {
+    SceneError::Invalid(format!("`{part}`: {message}"))
 }
 
 /// Finds the candidate nearest to `name`; `None` if all edit distances exceed a third of `name`'s length (at least 1).

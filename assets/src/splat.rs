@@ -51,9 +51,7 @@ pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
             format!("expected a multiple of 32 bytes, found {length}: {count} splats and {left} bytes");
         return Err(field(length - left, "splat", message));
     }
-    if u32::try_from(count).is_err() {
-        return Err(SceneError::TooMany { count });
-    }
+    SceneError::check_count(count)?;
     Ok(SceneHeader { count, stored_degree: 0 })
 }
 

@@ -1,6 +1,6 @@
 //! Parses the parts of glTF's JSON that splats and cameras need, and computes the transforms of their nodes.
 
-use crate::error::{SceneError, wrong};
+use crate::error::{SceneError, row, wrong};
 use crate::scene::SortKey;
 use crate::similarity::Similarity;
 use glam::{DMat4, DQuat};
@@ -208,10 +208,8 @@ impl Document {
 
     /// Parses the JSON, whatever extensions it requires.
     pub(super) fn read(text: &[u8]) -> Result<Self, SceneError> {
-        serde_json::from_slice(text).map_err(|error| SceneError::Row {
-            line: error.line() as u64,
-            message: format!("the JSON of glTF: {error}"),
-        })
+        serde_json::from_slice(text)
+            .map_err(|error| row(error.line() as u64, format!("the JSON of glTF: {error}")))
     }
 
     /// Lists the nodes of the scene by index, each with its transform into the document's world.

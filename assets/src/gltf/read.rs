@@ -76,9 +76,7 @@ fn primitive(
         let text = format!("expected {count} elements, as of POSITION, found {}", column.count);
         return Err(wrong(name.as_str(), text));
     }
-    if u32::try_from(count).is_err() {
-        return Err(SceneError::TooMany { count });
-    }
+    SceneError::check_count(count)?;
     let logarithmic = is_logarithmic(&columns[2])?;
     let transform = NodeTransform::new(splats.place, degree);
     let bytes = |column: &Column| column.count * column.table.width as u64;

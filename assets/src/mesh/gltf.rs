@@ -44,8 +44,7 @@ impl Mesh {
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
         check_length(bytes)?;
         json::check(json_of(bytes), json::GLTF_OBJECT).map_err(|message| wrong("glTF", message))?;
-        let gltf =
-            Gltf::from_slice_without_validation(bytes).map_err(|error| wrong("glTF", error.to_string()))?;
+        let gltf = Gltf::from_slice_without_validation(bytes).map_err(|error| wrong("glTF", error))?;
         if let Some(extension) = gltf.extensions_required().find(|name| *name != QUANTIZATION) {
             let message = format!("expected no required extension but {QUANTIZATION}, found {extension}");
             return Err(wrong("extensionsRequired", message));
@@ -151,7 +150,7 @@ fn invalid(error: gltf::Error) -> SceneError {
             let others = if more > 0 { format!(", and {more} more") } else { String::new() };
             wrong("glTF", format!("expected a valid document, found: {path}: {first}{others}"))
         }
-        error => wrong("glTF", error.to_string()),
+        error => wrong("glTF", error),
     }
 }
 

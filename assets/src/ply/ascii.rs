@@ -2,7 +2,7 @@
 
 use super::header::{Element, PropertyType};
 use super::layout::Layout;
-use crate::error::SceneError;
+use crate::error::{self, SceneError};
 use crate::input::{Source, SourceReader};
 use std::io::{BufRead, BufReader, Read};
 
@@ -61,7 +61,7 @@ impl<'a> Lines<'a> {
             self.place.number += 1;
             let (number, cut) = (self.place.number, !self.line.ends_with(b"\n"));
             if cut && read > MAX_LINE {
-                return Err(error(
+                return Err(error::row(
                     number,
                     format!("expected a line of at most {MAX_LINE} bytes, found more"),
                 ));
@@ -77,10 +77,6 @@ impl<'a> Lines<'a> {
 /// Splits a line into its values, at white space.
 pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
-}
-
-fn error(line: u64, message: String) -> SceneError {
-    SceneError::Row { line, message }
 }
 
 fn shown(word: &[u8]) -> String {
@@ -116,7 +112,7 @@ pub(crate) fn row(
     for word in words(line.text) {
         if found == columns {
             let all = words(line.text).count();
-            return Err(error(number, format!("expected {columns} values, found {all}")));
+            return Err(error::row(number, format!("expected {columns} values, found {all}")));
         }
         if let Some(slot) = layout.slot_of[found] {
             let value = match wide.get(slot) {
@@ -130,7 +126,7 @@ pub(crate) fn row(
             };
             slots[slot] = value.ok_or_else(|| {
                 let name = &vertex.properties[found].name;
-                error(number, format!("expected a number for `{name}`, found `{}`", shown(word)))
+                error::row(number, format!("expected a number for `{name}`, found `{}`", shown(word)))
             })?;
         }
         sizes[found] += word.len() as u64;
@@ -146,14 +142,15 @@ pub(crate) fn skip(lines: &mut Lines, element: &Element) -> Result<Vec<u64>, Sce
         let line = lines.next_row()?.ok_or_else(|| element.truncated(row))?;
         let number = line.number;
         let mut values = words(line.text);
-        let missing =
-            |name: &str| error(number, format!("expected a value for `{name}`, found the end of the line"));
+        let missing = |name: &str| {
+            error::row(number, format!("expected a value for `{name}`, found the end of the line"))
+        };
         for (property, size) in element.properties.iter().zip(&mut sizes) {
             let word = values.next().ok_or_else(|| missing(&property.name))?;
             *size += word.len() as u64;
             if let PropertyType::List { .. } = property.kind {
                 let length: u64 = parsed(word).ok_or_else(|| {
-                    error(
+                    error::row(
                         number,
                         format!("expected the length of `{}`, found `{}`", property.name, shown(word)),
                     )
@@ -164,7 +161,10 @@ pub(crate) fn skip(lines: &mut Lines, element: &Element) -> Result<Vec<u64>, Sce
             }
         }
         if let Some(extra) = values.next() {
-            return Err(error(number, format!("expected the end of the line, found `{}`", shown(extra))));
+            return Err(error::row(
+                number,
+                format!("expected the end of the line, found `{}`", shown(extra)),
+            ));
         }
     }
     Ok(sizes)

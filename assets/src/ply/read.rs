@@ -9,7 +9,7 @@ use super::layout::{self, Layout, MAX_SLOTS};
 use super::origin::Sample;
 use super::packed::Packed;
 use super::{ascii, binary};
-use crate::error::SceneError;
+use crate::error::{self, SceneError};
 use crate::input::{self, Done, Filled, Input, SceneHeader, Source};
 use crate::scene::{Rows, Scene};
 use crate::size_breakdown::{ElementSize, SizeBreakdown};
@@ -48,9 +48,7 @@ fn header(source: &Source) -> Result<(Header, Stored, u64), SceneError> {
             "the header is damaged: `element {name}` (line {line}) declares {count} rows, but only {available} bytes follow the header"
         )));
     }
-    if u32::try_from(count).is_err() {
-        return Err(SceneError::TooMany { count });
-    }
+    SceneError::check_count(count)?;
     Ok((header, stored, count))
 }
 
@@ -101,14 +99,14 @@ impl File<'_> {
     fn binary<const BIG: bool>(&self) -> Result<Body, SceneError> {
         let Self { input, header, layout } = *self;
         let used = |element: &Element, column| self.uses(element, column);
+        let (elements, tables) = binary::elements(input.source, header, BIG, used)?;
+        let (table, count) = (tables["vertex"], header.vertex()?.count);
         let wide = layout.wide();
         let is_wide = wide.contains(&true);
         let coordinate = |row: &[u8], axis: usize| {
             let place = layout.slots[axis];
             place.scalar.wide::<BIG>(&row[place.offset..])
         };
-        let (elements, tables) = binary::elements(input.source, header, BIG, used)?;
-        let (table, count) = (tables["vertex"], header.vertex()?.count);
         let mut origin = [0.0; 3];
         if is_wide {
             let (mut sample, mut row) = (Sample::new(wide, count), vec![0; table.stride]);
@@ -224,5 +222,5 @@ fn short_row(line: &ascii::Line, vertex: &Element, row: u64) -> SceneError {
         return vertex.truncated(row);
     }
     let (expected, found) = (vertex.properties.len(), ascii::words(line.text).count());
-    SceneError::Row { line: line.number, message: format!("expected {expected} values, found {found}") }
+    error::row(line.number, format!("expected {expected} values, found {found}"))
 }

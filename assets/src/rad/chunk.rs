@@ -5,6 +5,7 @@ use super::document::{BANDS, CHUNK_MAGIC, ChunkDocument, Document, Name, Place, 
 use crate::error::{SceneError, field, wrong};
 use crate::input::{Done, OpenFile, Source, beside, grow};
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::path::Path;
 
 const REQUIRED: [Name; 5] = [Name::Center, Name::Alpha, Name::Rgb, Name::Scales, Name::Orientation];
@@ -117,9 +118,7 @@ impl Chunks {
             let text = format!("expected {first}, the sum over the chunks, found {}", document.count);
             return Err(field(8, "count", text));
         }
-        if u32::try_from(first).is_err() {
-            return Err(SceneError::TooMany { count: first });
-        }
+        SceneError::check_count(first)?;
         let file_bytes = ends.values().map(|(_, length)| length).sum();
         let trailing_bytes = ends.values().map(|(end, length)| length - end).sum();
         Ok(Self { count: first, chunks, degree, file_bytes, trailing_bytes })
@@ -136,7 +135,7 @@ impl Chunks {
 }
 
 impl Chunk {
-    fn wrong(&self, name: impl std::fmt::Display, message: impl Into<String>) -> SceneError {
+    fn wrong(&self, name: impl Display, message: impl Display) -> SceneError {
         let name = format!("chunks[{}].{name}", self.index);
         within(self.place.filename.as_deref(), field(self.place.offset + 8, name, message))
     }

@@ -202,7 +202,7 @@ fn text<T: DeserializeOwned>(
     }
     let length = u64::from(word(&head, 4));
     let json = json::read(source, (at + 8, length), MAX_JSON.min(most - 8), json::STREAMED_OBJECT)?;
-    let document = serde_json::from_slice(&json).map_err(|error| field(at + 8, "JSON", error.to_string()))?;
+    let document = serde_json::from_slice(&json).map_err(|error| field(at + 8, "JSON", error))?;
     Ok((document, at + 8 + length.next_multiple_of(8)))
 }
 

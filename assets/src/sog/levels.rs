@@ -132,7 +132,7 @@ fn within<T>(
     let done = work(&Source::File(&file), path.parent().unwrap_or(Path::new("")));
     file.check_unchanged().and(done).map_err(|problem| match problem {
         SceneError::Cancelled => problem,
-        _ => wrong(name, problem.to_string()),
+        _ => wrong(name, problem),
     })
 }
 

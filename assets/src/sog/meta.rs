@@ -4,7 +4,7 @@
 //! version 1 as ranges.
 
 use crate::activation;
-use crate::error::{SceneError, wrong};
+use crate::error::{SceneError, row, wrong};
 use crate::ply::origin;
 use crate::scene::Filter;
 use serde::Deserialize;
@@ -274,7 +274,7 @@ impl Meta {
 
 /// Returns the error for text that is not valid JSON, or lacks the structure of the document `name`.
 pub(super) fn malformed(name: &str, error: &serde_json::Error) -> SceneError {
-    SceneError::Row { line: error.line() as u64, message: format!("{name}: {error}") }
+    row(error.line() as u64, format!("{name}: {error}"))
 }
 
 pub(super) fn unexpected(name: &str, expected: &str, found: impl std::fmt::Display) -> SceneError {

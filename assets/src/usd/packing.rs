@@ -4,6 +4,7 @@ use super::layer::Bytes;
 use crate::error::{SceneError, field};
 use crate::input::grow;
 use crate::words::bytes_at;
+use std::fmt::Display;
 
 /// Maximum compression ratio of LZ4.
 const MAX_PER_BYTE: u64 = 255;
@@ -32,7 +33,7 @@ impl Cursor<'_, '_> {
         Ok(u64::from_le_bytes(self.take()?))
     }
 
-    pub(super) fn wrong(&self, message: impl Into<String>) -> SceneError {
+    pub(super) fn wrong(&self, message: impl Display) -> SceneError {
         field(self.at, self.name, message)
     }
 

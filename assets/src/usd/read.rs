@@ -199,9 +199,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let all = splats(&layer)?;
     let headers: Vec<_> = all.iter().map(Splats::header).collect();
     let SceneHeader { count, .. } = SceneHeader::joined(&headers);
-    if u32::try_from(count).is_err() {
-        return Err(SceneError::TooMany { count });
-    }
+    SceneError::check_count(count)?;
     let held = layer.held_bytes();
     SceneHeader::check_joined(&headers, held, input.memory)?;
     let stride = |splats: &Splats| -> u64 {

@@ -5,9 +5,10 @@
 //! are skipped by matching brackets.
 
 use super::layer::{ARCS, Array, Kind, Layer, Numbers, Prim, Value, kind_of};
-use crate::error::SceneError;
+use crate::error::{SceneError, row};
 use crate::scalar::Scalar;
 use half::f16;
+use std::fmt::Display;
 
 pub(crate) const MAGIC: &[u8; 6] = b"#usda ";
 
@@ -47,10 +48,10 @@ fn is_word(byte: u8) -> bool {
 }
 
 impl<'t> Parser<'t> {
-    fn wrong(&self, message: impl Into<String>) -> SceneError {
+    fn wrong(&self, message: impl Display) -> SceneError {
         let before = &self.text[..self.at.min(self.text.len())];
         let line = 1 + before.iter().filter(|byte| **byte == b'\n').count() as u64;
-        SceneError::Row { line, message: message.into() }
+        row(line, message)
     }
 
     fn unexpected(&self, expected: &str, found: Token) -> SceneError {
