@@ -12,7 +12,7 @@ const FAR: f64 = 4096.0;
 /// A transform from the space of a node to a scene's. In the node's world, x points left, y up and z to the front.
 pub(crate) struct NodeTransform {
     place: Similarity,
-    turn: Option<Turn>,
+    turn: Turn,
     /// Origin that positions are relative to, in the file's world.
     origin: DVec3,
     degree: u32,
@@ -22,8 +22,7 @@ impl NodeTransform {
     pub(crate) fn new(place: Similarity, degree: u32) -> Self {
         let far = place.translation.abs().max_element() > FAR;
         let origin = if far { place.translation } else { DVec3::ZERO };
-        let turn = (place.rotation != DQuat::IDENTITY).then(|| Turn::new(place.rotation));
-        Self { place, turn, origin, degree }
+        Self { place, turn: Turn::new(place.rotation), origin, degree }
     }
 
     /// Returns the origin, converted to the axes of scenes.
@@ -43,9 +42,7 @@ impl NodeTransform {
             let [w, x, y, z] = splat.rotation.map(f64::from);
             let turned = rotation * DQuat::from_xyzw(x, y, z, w);
             splat.rotation = [turned.w, turned.x, turned.y, turned.z].map(|value| value as f32);
-            if let Some(turn) = &self.turn {
-                turn.apply(&mut splat.sh, self.degree);
-            }
+            self.turn.apply(&mut splat.sh, self.degree);
         }
         spz::flip(splat, self.degree);
     }

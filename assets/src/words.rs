@@ -32,12 +32,6 @@ pub(crate) fn float(bytes: &[u8], at: usize) -> f32 {
     f32::from_bits(word(bytes, at))
 }
 
-/// Writes words from a byte offset on, and zeros beyond their end.
-pub(crate) fn write_words(words: &[u32], offset: u64, out: &mut [u8]) {
-    let words = words.iter().skip(offset as usize / 4).copied().chain(std::iter::repeat(0));
-    out.chunks_exact_mut(4).zip(words).for_each(|(out, word)| out.copy_from_slice(&word.to_le_bytes()));
-}
-
 pub(crate) fn write_floats<T: bytemuck::Pod + Sync>(values: &[T], out: &mut [u8]) {
     let values: &[f32] = bytemuck::cast_slice(values);
     out.par_chunks_mut(4 * CHUNK).zip(values.par_chunks(CHUNK)).for_each(|(out, values)| {

@@ -139,13 +139,7 @@ struct Splatting {
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 struct Compression {
-    buffer_view: Option<u64>,
-}
-
-impl Compression {
-    fn view(&self) -> Option<usize> {
-        self.buffer_view.map(|view| usize::try_from(view).unwrap_or(usize::MAX))
-    }
+    buffer_view: Option<usize>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -272,7 +266,7 @@ impl Document {
                     }
                     let splatting = splatting.as_ref().map(Splatting::check).transpose()?;
                     let (spz, key_of) = splatting.unwrap_or((None, SortKey::Distance));
-                    let spz = spz.or(first_spz.as_ref().and_then(Compression::view));
+                    let spz = spz.or(first_spz.as_ref().and_then(|spz| spz.buffer_view));
                     if spz.is_none() && primitive.attributes.contains_key("_ROTATION") {
                         return Err(DRAFT);
                     }
@@ -333,7 +327,7 @@ impl Splatting {
         // The second is the name in a draft.
         expect("colorSpace", &self.color_space, &["srgb_rec709_display", "BT.709-sRGB"])?;
         let Some((name, compression)) = self.extensions.first_key_value() else { return Ok((None, key_of)) };
-        match (name.as_str(), compression.view()) {
+        match (name.as_str(), compression.buffer_view) {
             (
                 "KHR_gaussian_splatting_compression_spz_2" | "KHR_gaussian_splatting_compression_spz",
                 Some(view),

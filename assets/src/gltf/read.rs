@@ -7,7 +7,7 @@ use crate::activation;
 use crate::error::{SceneError, wrong};
 use crate::input::{self, Done, Input, SceneHeader, Source, Table};
 use crate::node_transform::NodeTransform;
-use crate::scene::{FileNotes, Scene, Splat, sh_floats};
+use crate::scene::{FileNotes, Scene, Splat};
 use crate::similarity::Similarity;
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use crate::spz;
@@ -192,8 +192,4 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     let breakdown = SizeBreakdown::new(format, file_bytes, header_bytes, vec![values]);
     let notes = FileNotes { mesh_primitives, ..scene.notes() };
     Ok(scene.with_notes(notes).with_breakdown(breakdown))
-}
-
-pub(super) fn floats(degree: u32) -> usize {
-    11 + sh_floats(degree)
 }

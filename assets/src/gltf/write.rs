@@ -3,7 +3,7 @@
 
 use super::container::MAGIC;
 use super::document::SPLATTING;
-use super::read::{attributes, floats};
+use super::read::attributes;
 use crate::activation::{SH_C0, quantised};
 use crate::scene::{Scene, Splat};
 use crate::spz;
@@ -24,8 +24,9 @@ fn turned(scene: &Scene, index: usize) -> Splat {
 pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     let (count, degree) = (scene.count() as usize, scene.stored_degree());
     let attributes = attributes(degree);
+    let floats: usize = attributes.iter().map(|(_, width)| width).sum();
     // `COLOR_0` has 4 bytes, for readers that support only points.
-    let binary = count * (4 * floats(degree) + 4);
+    let binary = count * (4 * floats + 4);
     let (mut views, mut accessors, mut names, mut at) = (Vec::new(), Vec::new(), Map::new(), 0);
     let kinds = ["SCALAR", "VEC2", "VEC3", "VEC4"];
     let colour = ("COLOR_0".to_owned(), 4);

@@ -1,7 +1,7 @@
 //! Defines the triangles, materials and texels of a mesh, and packs them for GPU buffers.
 
 use crate::similarity::Similarity;
-use crate::words::{AttributeInfo, hash, mix, write_words};
+use crate::words::{AttributeInfo, hash, mix};
 use glam::DVec3;
 use std::borrow::Cow;
 
@@ -138,9 +138,12 @@ impl Mesh {
         }
     }
 
-    /// Writes the part of an attribute of [`MESH_ATTRIBUTES`] that begins at byte `offset` and fills `out`.
+    /// Writes the part of an attribute of [`MESH_ATTRIBUTES`] that begins at byte `offset` and fills `out`. The one
+    /// element of an empty list is zeros.
     pub(crate) fn write_attribute(&self, name: &str, offset: u64, out: &mut [u8]) {
-        write_words(&self.words(name), offset, out);
+        let words = self.words(name);
+        let words = words.iter().skip(offset as usize / 4).copied().chain(std::iter::repeat(0));
+        out.chunks_exact_mut(4).zip(words).for_each(|(out, word)| out.copy_from_slice(&word.to_le_bytes()));
     }
 
     /// Transforms the mesh in the world. Its positions are relative to `from`; the result's are relative to `offset`.
