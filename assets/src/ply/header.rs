@@ -179,16 +179,13 @@ impl Header {
                     if encoding.is_some() {
                         return Err(fail("a second `format` line".into()));
                     }
-                    encoding = Some(match *name {
-                        "ascii" => Encoding::Ascii,
-                        "binary_little_endian" => Encoding::LittleEndian,
-                        "binary_big_endian" => Encoding::BigEndian,
-                        other => {
-                            return Err(fail(format!(
-                                "expected the format ascii, binary_little_endian or binary_big_endian, found `{other}`"
-                            )));
-                        }
-                    });
+                    let mut all = [Encoding::Ascii, Encoding::LittleEndian, Encoding::BigEndian].into_iter();
+                    let unknown = || {
+                        fail(format!(
+                            "expected the format ascii, binary_little_endian or binary_big_endian, found `{name}`"
+                        ))
+                    };
+                    encoding = Some(all.find(|known| known.name() == *name).ok_or_else(unknown)?);
                     if *version != "1.0" {
                         return Err(fail(format!("expected PLY version 1.0, found `{version}`")));
                     }

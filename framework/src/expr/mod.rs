@@ -70,7 +70,7 @@ impl Expr {
         found.into_iter()
     }
 
-    /// Lists the values of the largest subexpressions without names: 49152 and 2 for `48 << 10 < 2 * n`.
+    /// Lists the values of the largest subexpressions that need no name: 49152 and 2 for `48 << 10 < 2 * n`.
     pub fn constants(&self) -> Vec<Value> {
         let mut found = Vec::new();
         eval::collect_constants(&self.root, &mut found);

@@ -100,7 +100,7 @@ impl Node {
         }
     }
 
-    /// Collects comparisons of a name with a literal text, by `==` or `!=`: the name, the text, and its place.
+    /// Collects comparisons of a name with a literal text, by `==` or `!=`: the name, the text, and the text's place.
     pub fn collect_comparisons<'a>(&'a self, found: &mut Vec<(&'a str, &'a str, Range<usize>)>) {
         if let NodeKind::Binary(BinaryOp::Equal | BinaryOp::NotEqual, operands) = &self.kind {
             let [left, right] = &**operands;

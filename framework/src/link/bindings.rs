@@ -9,7 +9,7 @@ use crate::lower::{LoweredBind, LoweredPass};
 use crate::source::{Diagnostic, nearest};
 
 impl Linker<'_> {
-    /// Returns the descriptors of a pass over all stages, and adds the shaders' accesses to `uses`.
+    /// Checks `bind`; returns the descriptors of a pass over all stages, and adds the shaders' accesses to `uses`.
     pub(super) fn bindings(
         &mut self,
         pass: &LoweredPass,

@@ -92,7 +92,7 @@ impl Linker<'_> {
     }
 }
 
-/// Adds accesses to a pass's list, with one entry per resource and stage.
+/// Adds accesses to a pass's list, with one entry per resource and stage. An existing entry keeps its layout.
 pub(super) fn touch(
     uses: &mut Vec<Use>,
     resource: ResourceId,

@@ -103,7 +103,8 @@ impl Linker<'_> {
         }
     }
 
-    /// Rejects a draw in which one stage writes data that the other accesses: stages of different primitives overlap.
+    /// Rejects a draw in which one stage writes data that the other accesses, unless both use only atomics. Stages of
+    /// different primitives overlap.
     fn between_stages(&mut self, pass: &LoweredPass, stages: &[(ShaderId, Stages)]) {
         if stages.len() < 2 {
             return;

@@ -1,10 +1,10 @@
 //! Lists the parameters of a graph: its own, and the exposed parameters of included graphs.
 //!
 //! An exposed parameter becomes a parameter of the includer, listed after the includer's own, and the included graph
-//! uses its value. Its expressions can name other parameters of the included graph. If such a parameter is exposed as
-//! well, the name means the includer's parameter; if it is in `set`, the name means the value there ([`Around`]);
-//! otherwise, the name is an error. All other names are resolved in the includer's scope. Includes that expose the same
-//! declaration share one parameter.
+//! uses the includer's value. The parameter's expressions can name other parameters of the included graph. If such a
+//! parameter is exposed as well, the name means the includer's parameter; if it is in `set`, the name means the value
+//! there ([`Around`]); otherwise, the name is an error. All other names are resolved in the includer's scope. Includes
+//! that expose the same declaration share one parameter, and must agree on its default.
 
 use indexmap::IndexMap;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -33,9 +33,9 @@ pub(super) struct Declared {
 /// The way in which an includer treats the parameters of an included graph.
 #[derive(Debug, Default)]
 pub(super) struct Around {
-    /// Parameters in `set`, with their values, which are expressions over the includer's names.
+    /// Parameters in `set` that are not exposed, with their values: expressions over the includer's names.
     pub set: BTreeMap<String, Given>,
-    /// Parameters that keep their defaults, and the places of their declarations.
+    /// Parameters neither exposed nor in `set`, with the places of their declarations.
     hidden: BTreeMap<String, Span>,
     /// Exposed parameters, with their places in `expose`; empty for `expose: All`.
     exposed: BTreeMap<String, Span>,
@@ -241,8 +241,9 @@ impl Parameters {
 /// A cache of parameters by graph file, because a part may be included several times.
 pub(super) type Known = HashMap<FileId, Rc<Parameters>>;
 
-/// Lists the parameters of a graph. Fails on names that are exposed twice or do not exist, and on errors of the
-/// included files.
+/// Lists the parameters of a graph: its own, then those that its includes expose.
+///
+/// Fails if an exposed name is unknown or stands for two parameters, and on errors of the included files.
 pub(super) fn parameters(
     opened: &Opened,
     choices: &mut Choices,

@@ -12,7 +12,7 @@ pub(super) struct Constants {
     pub defines: Vec<(String, String)>,
     /// Names and values of numbers beyond 32 bits. A shader that mentions one is an error.
     pub unfit: Vec<(String, String)>,
-    /// For each name, the parameters that its value depends on. Includes names of texts, which have no define.
+    /// For each name, the parameters that its value depends on. Includes names without a define.
     pub params: BTreeMap<String, ParamSet>,
 }
 
@@ -26,7 +26,9 @@ pub(super) fn option_define(choice: &str, option: &str) -> String {
     format!("{}_{}", capital(choice), capital(option))
 }
 
-/// Lists every constant. The options of a choice become constants as well, so that a shader can write
+/// Lists the constants of a graph: facts, constant parameters and `let`s, except texts.
+///
+/// A choice has the index of its option as its value. Its options become constants as well, so that a shader can write
 /// `#if BLEND == BLEND_BACK_TO_FRONT`.
 pub(super) fn defines(names: &Names, params: &[Param]) -> Constants {
     let Constants { mut defines, mut unfit, .. } = Constants::default();

@@ -17,11 +17,11 @@ pub struct Lowered {
     pub declarations: Vec<Declaration>,
     /// The passes that were not removed, with `repeat`s unrolled.
     pub passes: Vec<LoweredPass>,
-    /// The removed passes, with the parameters that they would use.
+    /// The removed passes and includes, with the parameters that they would use.
     pub removed: Vec<RemovedPass>,
     /// `let`s and parameters whose expressions name parameters that their evaluation did not read.
     pub skipped: Vec<SkippedUse>,
-    /// Uses of resources that were removed with their pass or include, whose `when` is false.
+    /// Resources that the removed passes and includes would use.
     pub unwritten: Vec<RemovedUse>,
     /// Included graphs, includers before their includes.
     pub includes: Vec<LoweredInclude>,

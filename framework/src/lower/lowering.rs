@@ -123,7 +123,8 @@ pub(super) struct History {
     pub of: Handle,
 }
 
-/// Returns the places in the graph's file of the parameters and `let`s that are `define` in shaders.
+/// Returns the places of the graph's own parameters and `let`s whose name, or the name of an option, is `define` in
+/// shaders.
 fn declarations_of(define: &str, opened: &Opened, params: &[Param]) -> Vec<Span> {
     let names = |name: &str| {
         let options = params.iter().find(|param| param.name == *name).map(|param| &param.domain);
@@ -183,7 +184,7 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    /// Creates a level, and evaluates its `let`s.
+    /// Creates a level: evaluates its `let`s, and lists its defines. Their errors are added to [`Self::errors`].
     pub(super) fn level(&mut self, opened: &Opened, scope: Scope, prefix: String) -> Level {
         let Scope { mut names, params, exposed } = scope;
         let lets = &opened.graph.lets;

@@ -51,7 +51,7 @@ pub struct Control {
     pub label: String,
     /// The help text; may be empty.
     pub help: String,
-    /// Name of the include that exposes the parameter, with spaces for `_`; `None` for the graph's own.
+    /// Name of the outermost include that exposes the parameter, with spaces for `_`; `None` for the graph's own.
     pub part: Option<String>,
 }
 
@@ -197,7 +197,7 @@ pub fn rejected_settings(request: &Request, files: &mut SourceMap) -> Result<Vec
 pub struct ExpressionNames(Values);
 
 impl ExpressionNames {
-    /// Returns the value of a name; `None` for an unknown name.
+    /// Returns the value of a name; `None` for an unknown name or a live parameter.
     pub fn get(&self, name: &str) -> Option<&Value> {
         self.0.get(name)
     }
@@ -242,7 +242,8 @@ pub struct Standing {
     pub unmet: Vec<Unmet>,
 }
 
-/// Checks a graph's `require` against the facts, without lowering the graph.
+/// Checks the `require` of a graph and of its unconditional includes against the facts, without lowering the graph.
+/// For a choice, checks its graphs in order until one suits.
 ///
 /// # Errors
 /// Errors of the graph's file, its `require`, and the files that it refers to.

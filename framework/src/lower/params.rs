@@ -1,4 +1,4 @@
-//! Computes the values of parameters from their declarations, presets and `--set`.
+//! Computes the values of parameters from their declarations, presets and `--set`, and generates `live.glsl`.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
@@ -19,7 +19,7 @@ pub(super) struct Resolved {
     pub params: Vec<Param>,
     /// Value of each parameter if the request sets none.
     pub unset: Vec<Value>,
-    /// Facts and constants, ready for `let`s and passes.
+    /// Facts and parameters, for `let`s and passes.
     pub names: Names,
     pub live_bytes: u64,
     pub live: BTreeMap<String, ParamSet>,
@@ -32,9 +32,11 @@ struct Text<'a> {
     span: Span,
 }
 
-/// Evaluates the parameters of the root graph: defaults, then presets, then the request's settings. A setting of an
-/// unknown parameter, or outside the parameter's domain, is an error. If `rejected` is given, the setting is ignored
-/// instead, and the parameter's name is added to `rejected`.
+/// Evaluates the parameters of the root graph: defaults, then presets, then the request's settings and capacities.
+///
+/// A setting of an unknown parameter, or outside the parameter's domain, is an error. If `rejected` is given, a
+/// setting of the request is ignored instead, and the parameter's name is added to `rejected`. Parameters with errors
+/// are missing in the result.
 pub(super) fn resolve(
     root: &Opened,
     parameters: &Parameters,
@@ -140,7 +142,7 @@ struct Made {
     unset: Value,
     /// Parameters that the value depends on.
     params: ParamSet,
-    /// Parameters that the range depends on.
+    /// Parameters that the range, the default and the exact value depend on.
     range: ParamSet,
     /// Parameters that the value's expression names but its evaluation did not read.
     skipped: ParamSet,
@@ -252,7 +254,7 @@ fn any(kind: &ParamKind) -> Domain {
     }
 }
 
-/// Returns the name of the statistic that a parameter grows with; the declaring graph must have it.
+/// Returns the name of the statistic that a parameter grows with, or `None`. The declaring graph must have it.
 fn grows(declared: &Declared) -> Result<Option<String>, Diagnostic> {
     let declaration = declared.declaration();
     let ParamKind::Int { grows: Some(name), .. } = declaration.kind() else { return Ok(None) };
@@ -404,7 +406,7 @@ fn reason(number: &Number, domain: &Domain, names: &Names) -> (Option<Reason>, P
     }
 }
 
-/// Returns the values that the range of a parameter depends on: `sorter = serial`. `None` for a constant range.
+/// Returns the values that the range of a parameter depends on: `sorter = serial`. `None` for no or a constant range.
 fn range_reason(kind: &ParamKind, names: &Names) -> Option<String> {
     let (ParamKind::Int { range, .. } | ParamKind::Float { range, .. }) = kind else { return None };
     let mut values = BTreeMap::new();

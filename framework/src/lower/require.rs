@@ -9,7 +9,7 @@ use crate::ir::{Fallback, FileId, Reason, Request, Unmet, Value};
 use crate::schema::{Number, PassDecl, folded};
 use crate::source::{Diagnostic, Kind, SourceMap};
 
-/// The graph chosen for a file: the first whose requirements hold, or else the last.
+/// A graph that a file leads to, with its unmet requirements.
 #[derive(Debug)]
 pub(super) struct Chosen {
     pub opened: Rc<Opened>,

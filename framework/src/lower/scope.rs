@@ -138,7 +138,7 @@ impl Names {
         }
     }
 
-    /// Returns the parameters that any name in a choice of a resource depends on.
+    /// Returns the parameters that a reference depends on: by the names in its choice, or by the constant it names.
     pub fn named_by_choice(&self, reference: &Reference) -> ParamSet {
         match &reference.choice {
             Some(choice) => self.named(choice),

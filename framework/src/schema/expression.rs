@@ -32,7 +32,7 @@ impl Expression {
     }
 }
 
-/// Replaces each line break, with the spaces around it, by one space, and trims both ends.
+/// Trims each line of a text, and joins the lines with spaces.
 pub fn folded(text: &str) -> String {
     text.lines().map(str::trim).collect::<Vec<_>>().join(" ")
 }
@@ -61,7 +61,7 @@ impl From<String> for Reference {
     }
 }
 
-/// Returns true if a text is an expression rather than a resource's name: it contains `?` or a quote.
+/// Returns true if a text is an expression rather than a name: it contains `?` or `'`.
 pub fn is_choice(text: &str) -> bool {
     text.contains(['?', '\''])
 }

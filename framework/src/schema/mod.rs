@@ -439,7 +439,7 @@ pub enum PassDecl {
         graph: String,
         /// Prefix for the names of the included graph's passes and resources.
         name: String,
-        /// Removes all passes of the included graph if false.
+        /// Removes the passes and resources of the included graph if false.
         #[serde(default)]
         when: Option<Number>,
         /// Resource of this graph for each port, by the port's name.

@@ -47,8 +47,8 @@ pub trait ShaderCompiler {
         request: &ShaderRequest,
     ) -> Result<Compiled, Vec<Diagnostic>>;
 
-    /// Lists the identifiers in the texts of a shader without compiling it, as far as they can be read. The default
-    /// lists none.
+    /// Lists the identifiers in a shader and its includes without compiling it. Missing includes are skipped; after
+    /// any other error, the list is empty. The default lists none.
     fn identifiers(&mut self, files: &mut SourceMap, request: &ShaderRequest) -> BTreeSet<String> {
         let _ = (files, request);
         BTreeSet::new()

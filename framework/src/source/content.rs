@@ -64,7 +64,7 @@ impl Content {
         read.unwrap_or(Content::Unusable)
     }
 
-    /// Returns true for a missing or empty file. Some editors leave one briefly while they save.
+    /// Returns true if the path has no file, or an empty one. Some editors cause both briefly while they save.
     pub fn is_empty(self) -> bool {
         matches!(self, Content::Missing | Content::Obstacle { .. } | Content::Bytes { length: 0, .. })
     }
@@ -135,8 +135,8 @@ pub(super) fn read(file: File) -> std::io::Result<Option<Vec<u8>>> {
     Ok((bytes.len() as u64 <= MAX_FILE).then_some(bytes))
 }
 
-/// Decodes the bytes of a file as UTF-8 and removes a byte order mark. The error has a replacement character in place
-/// of each invalid byte, and the range of the first one.
+/// Decodes the bytes of a file as UTF-8 and removes a byte order mark. The error has the text, with a replacement
+/// character in place of each invalid sequence, and the range of the first one.
 pub(super) fn as_text(mut bytes: Vec<u8>) -> Result<String, (String, Range<usize>)> {
     if bytes.starts_with("\u{feff}".as_bytes()) {
         bytes.drain(..'\u{feff}'.len_utf8());

@@ -41,7 +41,7 @@ impl GraphErrors {
         self
     }
 
-    /// Returns the rendered errors, ready for printing.
+    /// Returns the rendered errors, with ANSI escapes if `colour`.
     pub fn text(&self, colour: bool) -> &str {
         if colour { &self.coloured } else { &self.plain }
     }
@@ -71,7 +71,8 @@ pub enum Severity {
     Warning,
 }
 
-/// A diagnostic as plain data, for programs. Lines and columns count from 1, columns in characters.
+/// A diagnostic as plain data, for programs, without its secondary labels. Lines and columns count from 1, columns in
+/// characters.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct PlainDiagnostic {
     /// Path of the file, as the user or an include wrote it.

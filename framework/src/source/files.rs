@@ -237,7 +237,7 @@ impl SourceMap {
         if is_built_in { Cow::Owned(format!("{path} (built in)")) } else { Cow::Borrowed(path) }
     }
 
-    /// Returns the text of a file; a byte order mark is removed.
+    /// Returns the text of a file. A byte order mark is removed only from files on disk.
     pub fn text(&self, file: FileId) -> &str {
         self.file(file).map_or("", |f| &f.text)
     }

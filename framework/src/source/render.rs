@@ -14,7 +14,7 @@ const MAX_RENDERED: usize = 100;
 /// Soft limit on the total length of the diagnostics' lines, in bytes: rendering a diagnostic reads its whole line.
 const MAX_LINE_BYTES: usize = 4 << 20;
 
-/// Renders diagnostics as errors, separated by blank lines. The result ends in a line break.
+/// Renders diagnostics as errors, separated by blank lines. The result ends in a line break, unless it is empty.
 ///
 /// After the first 100, or after a few on very long lines, it only says how many more there are.
 ///

@@ -1,4 +1,4 @@
-//! Runs glslang: converts texts to SPIR-V or an error.
+//! Runs glslang: compiles a shader's texts to SPIR-V.
 
 use std::collections::BTreeMap;
 

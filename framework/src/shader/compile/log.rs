@@ -16,7 +16,7 @@ use crate::source::{Diagnostic, SourceMap, nearest};
 
 pub(super) const MAX_DIAGNOSTICS: usize = 10;
 
-/// What glslang says if the stack of its parser is full.
+/// Message of glslang for an overflow of its parser's stack.
 const PARSER_FULL: &str = "memory exhausted";
 
 /// Returns the diagnostics of a log, at least one.

@@ -1,14 +1,15 @@
 //! Compiles GLSL to SPIR-V with glslang, Khronos' compiler, which is linked in.
 //!
-//! A shader is compiled in four steps:
+//! A shader is compiled in five steps:
 //!
 //! 1. *gather* ([`Sources`]): find and scan the shader and all its includes, direct or not. This shows which of the
 //!    graph's defines they mention; a change of any other parameter does not recompile the shader;
-//! 2. *look up*: texts, defines and stage together are the key of a cache; a [`SpirvStore`] holds the SPIR-V of earlier
-//!    runs under the same key;
-//! 3. *compile* ([`mod@generate`]): glslang preprocesses (requesting only the included texts in active branches of
-//!    `#if`s), parses, links and generates;
-//! 4. *reflect*: see [`reflect`].
+//! 2. *look up*: texts, defines and stage together are the key of a cache of results;
+//! 3. *follow* ([`reached`]): find the names that the result can depend on, and refuse undefined names in an `#if` and
+//!    declarations of a define's name;
+//! 4. *compile* ([`mod@generate`]), unless a [`SpirvStore`] has SPIR-V of an earlier run under the same key: glslang
+//!    preprocesses (requesting only the included texts in active branches of `#if`s), parses, links and generates;
+//! 5. *reflect*: see [`reflect`].
 //!
 //! glslang is C++, and some texts crash it. Its input is bounded: ASCII without NUL, [`sources::MAX_BYTES`] of text in
 //! [`sources::MAX_FILES`] files, [`generate::MAX_INCLUDED_BYTES`] of expanded includes, and [`generate::MAX_DEPTH`]
@@ -72,7 +73,8 @@ impl Glslang {
         Glslang { worker: Some(worker::Parent::new(worker)), ..Glslang::default() }
     }
 
-    /// Sets the cancellation: compilations, and builds with this compiler, end early when `cancel` requests it.
+    /// Sets the cancellation: builds with this compiler, and compilations in a worker, end early when `cancel` requests
+    /// it.
     pub fn set_cancel(&mut self, cancel: Cancel) {
         self.cancel = cancel;
     }
@@ -82,7 +84,7 @@ impl Glslang {
         Glslang { store: Some(store), ..self }
     }
 
-    /// Returns the number of compilations done, not counting cache and store hits.
+    /// Returns the number of compilations, failed ones included, without cache and store hits.
     pub fn compiled_count(&self) -> usize {
         self.compiled
     }

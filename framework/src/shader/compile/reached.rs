@@ -6,7 +6,8 @@
 //! short-circuit). It errs on the side of too many names: if it cannot evaluate a condition (because of an extension, a
 //! function-like macro or a division by zero), all branches count.
 //!
-//! It also finds undefined names in conditions, which the preprocessor silently treats as 0.
+//! It also finds undefined names in conditions, which the preprocessor silently treats as 0, and declarations of a
+//! define's name.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;

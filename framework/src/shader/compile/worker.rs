@@ -1,9 +1,10 @@
 //! Runs the compiler in a separate process, which isolates crashes and limits memory and time.
 //!
 //! glslang is C++: some broken shaders make it dereference a null pointer, and macros can grow without bounds. It
-//! therefore runs in a [`Worker`], a program that calls [`serve_if_asked`] first. The program is started for the first
-//! shader, and kept. Parent and worker communicate over pipes: four bytes of length and a JSON text in each direction,
-//! and after a success the SPIR-V as a second message. The worker receives all texts, and opens no shader files.
+//! therefore runs in a [`Worker`], a program that calls [`serve_if_asked`](super::serve_if_asked) first. The program is
+//! started for the first shader, and kept. Parent and worker communicate over pipes: four bytes of length and a JSON
+//! text in each direction, and after a success the SPIR-V as a second message. The worker receives all texts, and opens
+//! no shader files.
 //!
 //! The worker enforces [`Limits`]: it exits with a specific code when a compilation takes too much memory or time. It
 //! exits with 0 when the pipe closes, when its parent is gone, or after a compilation that leaves much memory in use.
@@ -124,8 +125,8 @@ impl Parent {
         Parent { worker, process: None }
     }
 
-    /// Compiles in the worker, and starts one if none is running. If a running worker crashes, tries once more in a
-    /// new one.
+    /// Compiles in the worker, and starts one if none is running. If a worker crashes that an earlier call started,
+    /// tries once more in a new one.
     pub fn generate(&mut self, key: &Key, cancel: &Cancel) -> Result<Vec<u32>, Failure> {
         let request = serde_json::to_vec(key).map_err(|error| Failure::Log(format!("ERROR: {error}")))?;
         loop {
@@ -283,7 +284,7 @@ impl Process {
         }
     }
 
-    /// Returns why the worker closed its pipe. Waits up to 2 s for its exit status.
+    /// Returns [`Lost::Ended`] with the worker's exit status; waits up to 2 s for it.
     fn ended(&mut self) -> Lost {
         let asked = Instant::now();
         while asked.elapsed() < Duration::from_secs(2) {

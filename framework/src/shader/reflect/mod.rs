@@ -73,7 +73,8 @@ pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
 /// of memory, and GPUs multiply them by the number of invocations in flight.
 const MAX_LOCAL_BYTES: u64 = 64 << 10;
 
-/// Rejects a module whose reachable code declares more than [`MAX_LOCAL_BYTES`] of variables.
+/// Rejects a module with more than [`MAX_LOCAL_BYTES`] of variables: globals, and locals of reachable functions.
+/// Read-only variables do not count.
 fn check_locals(module: &Module) -> Result<(), String> {
     let mut locals: Vec<(u64, Word)> = Vec::new();
     let mut add = |variable: Word, pointee: Word| {
