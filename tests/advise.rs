@@ -16,7 +16,8 @@ fn ahead() -> Camera {
     Camera { img_name: "ahead".into(), ..camera }
 }
 
-/// Generates splats on the camera's axis at these ascending depths, the farthest first in the file.
+/// Generates splats on the camera's axis at these ascending depths, the farthest first in the file. `sh` returns the
+/// harmonic with an index, equal for all splats.
 fn on_the_axis(depths: &[f32], sh: impl Fn(usize) -> f32 + Sync) -> Scene {
     Scene::generate(depths.len() as u32, 3, |at| Splat {
         position: [0.0, 0.0, depths[depths.len() - 1 - at]],

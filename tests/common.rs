@@ -19,7 +19,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, Once, PoisonError};
 
 /// Opens the machine's device with full validation: on Apple's systems the GPU, by Metal; elsewhere lavapipe, by
-/// Vulkan.
+/// Vulkan. `SPLATGRAPH_TEST_DEVICE` names another device.
 pub fn device() -> Backend {
     let device = open(&options(Validation::Synchronization));
     assert_lanes(&device);

@@ -5,7 +5,8 @@ use crate::place::Place;
 use serde_json::Value;
 use splatgraph_assets::{QUIET, Scene, SceneFormat, SpzVersion, grouped};
 
-/// Returns the minimum PSNR over the cameras, in dB, between two scenes' pictures by the exact renderer.
+/// Draws two scenes with the exact renderer, into `a/` and `b/`. Returns the minimum PSNR over the cameras, in dB;
+/// infinite if all pictures are equal.
 fn least_psnr(place: &Place, [a, b]: [&str; 2], cameras: &str) -> f64 {
     for (scene, pictures) in [(a, "a"), (b, "b")] {
         let render = format!("render {scene} --backend reference --cameras {cameras} --size 240x135");

@@ -42,7 +42,7 @@ fn psnr(a: &Image, b: &Image, counted: &[bool]) -> f64 {
     images::psnr(&keep(a), &keep(b))
 }
 
-/// Marks the pixels away from the mesh's edges: it covers all or none of their 3 x 3 neighbourhood.
+/// Marks the pixels away from the mesh's edges: the mesh covers all or none of their 3 x 3 neighbourhood.
 fn away_from_edges(mesh: &Mesh, camera: &Camera) -> Vec<bool> {
     // The mesh alone: the scene's only splat is at the camera, where it is culled.
     let unseen = |_| Splat {

@@ -18,11 +18,12 @@ const SIZE: (u32, u32) = (192, 108);
 const SPLATS: u32 = 20_000;
 const PRESETS: [&str; 3] = ["splat", "front_to_back", "tiled"];
 
-/// Minimum PSNR in decibels, and maximum difference in 8-bit steps in any channel of any pixel.
+/// Minimum PSNR, in decibels.
 ///
 /// The stored pictures have 8 bits. APIs may differ in the last bits of exponentials, and in the rounding of
 /// half-float targets.
 const MIN_DB: f64 = 50.0;
+/// Maximum difference in any channel of any pixel, in 8-bit steps.
 const MAX_STEPS: f32 = 3.0;
 
 /// Environment variable: if it is set, the stored pictures are redrawn.

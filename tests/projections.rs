@@ -48,7 +48,7 @@ fn around() -> Arc<Scene> {
 }
 
 /// Makes a camera at the origin that looks along +z, with x to the right and y down. A fisheye picture is 200
-/// degrees wide, an orthographic one 6 units.
+/// degrees wide, an orthographic one 6 units; others have a focal length of half the width.
 fn camera(projection: Projection, (width, height): (u32, u32)) -> Camera {
     let focal = match projection {
         Projection::Fisheye => f64::from(width) / 200f64.to_radians(),
@@ -191,7 +191,7 @@ fn captures_drawn_by_tiles_agree_with_the_exact_renderer() {
     }
 }
 
-/// Returns the brightness of the pixels in a row.
+/// Returns the red channel of the pixels in a row.
 fn row(image: &Image, y: usize) -> Vec<f32> {
     image.rgb[y * image.width..(y + 1) * image.width].iter().map(|pixel| pixel[0]).collect()
 }

@@ -230,8 +230,8 @@ fn the_shipped_sorts_equal_a_stable_sort_with_subgroups_of_16_lanes() {
     common::again_with_vectors_of(512, "sort::the_shipped_sorts_equal_a_stable_sort");
 }
 
-/// Sorts up to 2^19 pairs. With each sorter, every pair of digit width, key width, size and kind of keys occurs; in a
-/// long run, every triple of the first three.
+/// Sorts up to 2^19 pairs. With each sorter, every combination of two of digit width, key width, size and kind of keys
+/// occurs; in a long run, every combination of the first three.
 #[test]
 fn larger_sorts_are_right_too() {
     let mut bench = Bench::new();

@@ -6,7 +6,8 @@ use std::ffi::OsStr;
 use std::fs;
 use std::os::unix::ffi::OsStrExt;
 
-/// Runs a line in which `@` stands for two bytes that are not valid UTF-8. Returns standard output and standard error.
+/// Runs a line in which `@` stands for two bytes that are not valid UTF-8. It must exit with `code`. Returns standard
+/// output and standard error.
 fn run(place: &Place, line: &str, code: i32) -> (String, String) {
     let mut command = place.program("");
     for word in line.split(' ') {

@@ -17,10 +17,11 @@ const KILLS: (u32, u32) = (1_000, 16);
 
 const CAMERAS: usize = 12;
 
-/// Bytes of an inspected array, without its header, whose length is a multiple of 64 bytes.
+/// Bytes of an inspected array. The header before them has a multiple of 64 bytes.
 const ARRAY_BYTES: usize = 4 * 200;
 
-/// Checks the folder: only the expected files, and each is whole. Returns the number of pictures and arrays.
+/// Checks the folder: only the expected files, and each is whole. Returns the number of pictures and arrays. If the
+/// program was `killed` by SIGKILL, its hidden files are allowed, and are removed.
 fn assert_whole(place: &Place, killed: bool, what: &str) -> usize {
     let files = place.files(".");
     let mut drawn = 0;

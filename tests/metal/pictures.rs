@@ -133,6 +133,7 @@ const POWERS: [Loose; 4] = [
 ];
 
 /// Compares the plans of `graphs` with lavapipe. `folder` is put before the graphs' names; if empty, they are built-in.
+/// If `loose` has tolerances, each plan must need them.
 fn compare_all(folder: &str, graphs: &[(&str, &[(&str, &str)])], loose: &[Loose]) {
     let (mut stage, mut device) = (Stage::new(), lavapipe());
     // Metal has no doubles, so its kernels use fma(). Lavapipe's fma() and the header's both round the product.

@@ -70,7 +70,7 @@ impl Bench {
     /// Loads plans one after another and draws the given number of frames with each.
     ///
     /// The very last frame also reads back every resource that it wrote. Other frames do not, because reading back adds
-    /// barriers.
+    /// barriers. Messages of the validation layers are an error.
     pub fn run(&mut self, plans: &[(&Plan, u32)], pace: Pace) -> Result<Vec<Outcome>, String> {
         self.run_with(plans, pace, None)
     }

@@ -105,7 +105,7 @@ fn passes_without_readers_decide_nothing() {
     });
 }
 
-/// Returns the plan without line numbers, culled passes and warnings.
+/// Returns the plan without line numbers, culled passes, warnings, and reasons for having no effect.
 fn placeless(plan: &Plan) -> Plan {
     let mut plan = plan.clone();
     plan.culled.clear();

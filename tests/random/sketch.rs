@@ -442,7 +442,7 @@ impl Sketch {
         !faults.is_empty() || self.stats.len() != stats
     }
 
-    /// Moves passes that may be anywhere in the file.
+    /// Moves passes to the start or the end of the file if they wish so and may be anywhere in it.
     ///
     /// Such a pass runs in every frame and outside repeats, and accesses no ping-pong buffer. Except for reads of the
     /// previous frame, it accesses no history and no resource with several writers.
@@ -505,7 +505,7 @@ fn real(what: Ref, fronts: &[usize], last: &[usize]) -> Real {
     (what.of, half)
 }
 
-/// Returns true if the half is the front when the frame ends.
+/// Returns true if the half is the front when the frame ends, or for an image.
 fn is_final((of, half): Real, last: &[usize]) -> bool {
     match of {
         Target::Buffer(at) => half == last[at],

@@ -113,7 +113,7 @@ fn slow_shader(iterations: u32) -> String {
     )
 }
 
-/// Starts the program with that graph and a shader that takes no time yet. Waits for a picture.
+/// Starts the program with [`slow_graph`] and a shader that ends at once. Waits for a picture.
 fn quick(groups: u32, show: &str) -> Program {
     let line = format!("--pipeline slow.ron --size 900x600 --show {show}");
     let mut program = Program::launch(100, &line, |place| {

@@ -74,7 +74,7 @@ enum Outcome {
     Failed(String),
     /// The plan is unchanged.
     Same,
-    /// The plan differs.
+    /// The plan differs, or the graph no longer declares a parameter that is set.
     Other,
 }
 

@@ -160,7 +160,8 @@ impl Program {
         self.act();
     }
 
-    /// Waits for the next plan of viewport `who` whose causes include `cause`; returns the event.
+    /// Waits for a plan of viewport `who` whose causes include `cause`, after the first `since` events; returns the
+    /// event.
     pub fn swapped(&mut self, since: usize, who: &str, cause: &str) -> Value {
         let event = self.until(since, &format!("a plan of {who} because of {cause}"), |event| {
             let causes = event["causes"].as_array().into_iter().flatten();
@@ -271,7 +272,7 @@ impl Program {
         self.view_until(what, |shown| shown == expected);
     }
 
-    /// Waits until the view differs from `former`; returns the picture once it is stable.
+    /// Waits until over 1% of the view's pixels differ from `former`; returns the picture once it is stable.
     pub fn view_is_not(&mut self, what: &str, former: &Pixels) -> Pixels {
         self.view_until(what, |shown| shown.differs(former) > 0.01);
         self.still()

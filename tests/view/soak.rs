@@ -246,7 +246,7 @@ impl Soak {
         self.note();
     }
 
-    /// Counts events.
+    /// Takes the viewer's events; counts new plans and errors. Fails on an internal error.
     fn note(&mut self) {
         for event in std::mem::take(&mut self.viewer.events) {
             match event {

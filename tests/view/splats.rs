@@ -81,7 +81,7 @@ fn picture(viewer: &mut TestShell) -> Image {
     viewer.picture(A)
 }
 
-/// Waits for the end of an export; returns the file and its number of splats.
+/// Draws frames until an export has ended, and clears all events. Returns the file and its number of splats.
 fn exported(viewer: &mut TestShell) -> (PathBuf, u32) {
     let find = |event: &Event| match event {
         Event::Exported { path, splats, .. } => Some((path.clone(), *splats)),

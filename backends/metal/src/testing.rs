@@ -114,8 +114,8 @@ pub fn fragments_write(resource: ResourceId) -> Use {
     touch(resource, Stages::FRAGMENT, Accesses::STORAGE_WRITE)
 }
 
-/// Formats an encoder: `compute after 0: make, (buffers) use; then 1`. Numbers are fences; `0v` and `0f` are waits before,
-/// or updates after, the vertex or fragment stage.
+/// Formats an encoder: `compute after 0: make, (buffers) use; then 1`. Numbers are fences; `0v` and `0f` are waits
+/// before, or updates after, the vertex or fragment stage.
 pub fn tell(plan: &Plan, encoding: &Encoding) -> String {
     let fences = |uses: &[FenceUse]| {
         let one = |of: &FenceUse| match of.stages {

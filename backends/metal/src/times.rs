@@ -60,8 +60,8 @@ impl FrameTimes {
         last.filter(|_| self.completed).map_or(0, |last| last + 1)
     }
 
-    /// Returns the first `count` timestamps of the frame, in nanoseconds. `samples` are the values of as many samples as
-    /// [`samples`](FrameTimes::samples) returned: none until the frame has completed.
+    /// Returns the first `count` timestamps of the frame, in nanoseconds. `samples` are the values of as many samples
+    /// as [`samples`](FrameTimes::samples) returned: none until the frame has completed.
     ///
     /// A timestamp is `None` if Metal reports no time of the frame, if the sample was not taken or failed, or if its
     /// pair of samples ends before it starts.

@@ -165,8 +165,8 @@ impl Walk {
         self.current.is_some_and(|(_, open)| open)
     }
 
-    /// Returns the fences that a pass's encoder updates. Empty before the first pass is announced, and for a pass without
-    /// an encoder.
+    /// Returns the fences that a pass's encoder updates. Empty before the first pass is announced, and for a pass
+    /// without an encoder.
     ///
     /// Commands that are added to this pass must wait for these fences and update them again.
     pub fn updates<'a>(&self, walked: &'a Walked, pass: PassId) -> &'a [FenceUse] {

@@ -391,8 +391,8 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         self.times = Some(timestamps.clone());
     }
 
-    /// Stores the first timestamp's index for the pass's encoder, which is opened later and samples both timestamps. Does
-    /// nothing for the second timestamp, those of the frame, and an encoder that is open.
+    /// Stores the first timestamp's index for the pass's encoder, which is opened later and samples both timestamps.
+    /// Does nothing for the second timestamp, those of the frame, and an encoder that is open.
     fn timestamp(&mut self, _: &Timestamps, index: u32) {
         if let (Some(sample), Some(_)) = (times::sample(index), self.next)
             && sample.is_multiple_of(2)
