@@ -125,6 +125,20 @@ fn shards_of_different_folders_are_joined_with_their_files_outside_the_output() 
 }
 
 #[test]
+fn depths_without_pictures_are_shared_in_the_folder_of_the_output() {
+    let place = Place::new();
+    place.cameras(&CAMERAS);
+    let line = |file: &str| {
+        format!("render scene.ply -c cameras.json --size 32x24 --output depth={file} --shard 0/1")
+    };
+    run(&place, &line("depths/"), &[], 0);
+    fs::remove_file(place.at("depths/two.npy")).expect("it is there");
+    let told = run(&place, &line("depths/"), &[], 0);
+    assert!(told.contains("1 done, 2 already there"), "{told}");
+    assert!(run(&place, &line("d.npy"), &[], 2).contains("expected a folder with --shard, as in"));
+}
+
+#[test]
 fn a_graph_that_was_edited_is_another_request() {
     let place = Place::new();
     place.cameras(&CAMERAS);

@@ -5,6 +5,7 @@ use super::destination::{Destination, per_camera};
 use super::drawer::{Drawer, Loaded};
 use crate::cli::job::{self, Origin};
 use crate::cli::outcome::Usage;
+use crate::io::output::names;
 use anyhow::{Context, Result};
 use serde_json::json;
 use std::path::{Path, PathBuf, absolute};
@@ -32,8 +33,17 @@ impl Views {
             ("--repeat", args.repeat > 1),
         ])?;
         let work = prepare(&args)?;
-        let Some(Destination::Folder(folder, _)) = work.destination.clone() else {
-            return Err(Usage("expected a folder for --output with --shard".into()).into());
+        let named = || args.named().map(|(_, file)| file).find(|file| names::ends_in_separator(file));
+        let folder = match &work.destination {
+            Some(Destination::Folder(folder, _)) => Some(folder.clone()),
+            Some(Destination::Picture(..)) => None,
+            // Depths alone, for instance: their folder has the job's record.
+            None => named().map(Path::to_owned),
+        };
+        let Some(folder) = folder else {
+            let message =
+                "expected a folder with --shard, as in `--output FOLDER/` or `--output depth=FOLDER/`";
+            return Err(Usage(message.into()).into());
         };
         Ok(Views { args, folder, work, loaded: None, drawer: None })
     }
