@@ -295,6 +295,23 @@ fn a_graph_with_a_history_draws_no_frames_before_the_repeated_ones() {
         let stats = place.json("out.json");
         assert_eq!((&stats[0]["counts"]["drawn"], &stats[0]["frames"]), (&frames.into(), &frames.into()));
     }
+    // Measured pictures do not contain the frames before them, which other settings and the timing have drawn.
+    place.edit(
+        "graph.ron",
+        "    resources",
+        r#"    params: { "step": Const(Int(default: 1, range: (1, 5), exact: 1, label: "step")) },
+    resources"#,
+    );
+    place.edit("graph.ron", r#"size: Groups(1)"#, r#"size: Groups("step")"#);
+    place.edit("add.comp", "count += 1", "atomicAdd(count, 1u)");
+    let found = [1, 3].map(|rounds| {
+        let folder = format!("ledger-{rounds}");
+        place.done(&format!(
+            "trade scene.ply -p graph.ron --size 8x8 --only step --frames 1 --rounds {rounds} -o {folder}"
+        ));
+        place.files(&format!("{folder}/pictures")).into_values().collect::<Vec<_>>()
+    });
+    assert!(found[0] == found[1] && found[0].len() > 2);
 }
 
 const CLEAR: &str = r#"Fill(name: "clear", buffer: "words", value: 1),"#;

@@ -210,7 +210,7 @@ fn settings_with_the_plan_of_another_are_not_measured_and_a_stale_order_earns_no
     let (table, errors) = place.said(&format!("{SHORT} -p splat {only}"));
     assert!(errors.contains("not measured: `preset digit8` has the same plan as `defaults`"), "{errors}");
     let row = table.lines().find(|line| line.contains("preset stale_order")).expect("a row");
-    assert!(row.starts_with(' ') && row.ends_with("still views hide its cost"), "{table}");
+    assert!(row.starts_with(' ') && row.ends_with("reads the previous frame"), "{table}");
     assert!(table.contains("`preset stale_order` is not judged"), "{table}");
     assert!(!table.contains("digit8"), "{table}");
     // One round is not enough to judge time.

@@ -62,7 +62,7 @@ class Line:
     gpu_bytes: int
     #: Each phase: a name, the mean of the views' milliseconds, and the largest spread of a view, None with one round.
     phases: tuple[tuple[str, float, float | None], ...]
-    #: "best" is on the Pareto front, "beaten" is not; "likely" and "unlikely" are too noisy to tell; "hidden": still views hide the cost.
+    #: "best" is on the Pareto front, "beaten" is not; "likely" and "unlikely" are too noisy to tell; "hidden": it reads the previous frame.
     mark: Literal["best", "likely", "unlikely", "beaten", "hidden"]
 
 

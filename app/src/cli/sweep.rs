@@ -30,7 +30,7 @@ use std::path::{Path, PathBuf};
 /// ones. The largest are chosen before keys are made, as usual for levels of detail. The nearest are cut after the
 /// sort, for which tiles use `sorted=splats`; they are a half, a quarter and so on of the visible splats, so fewer if
 /// some are outside of the view (`drawn` in sweep.csv). Each picture is compared with the exact renderer's picture of
-/// all splats.
+/// all splats. It is the second frame of the view; histories begin with zeros.
 ///
 /// Then a camera approaches, and the time of the draw is compared with the number of fragments.
 ///

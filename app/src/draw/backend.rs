@@ -284,6 +284,10 @@ impl splatgraph_api::Loader for Loader {
         wrapped!(self, Loader => Loader, loader => loader.sharing_results())
     }
 
+    fn clearing_histories(self) -> Self {
+        wrapped!(self, Loader => Loader, loader => loader.clearing_histories())
+    }
+
     fn compile(self, plan: Plan) -> Result<Compiled, BackendError> {
         match self {
             Loader::Vulkan(loader) => loader.compile(plan),

@@ -377,6 +377,10 @@ pub trait Loader: Send + 'static {
     #[must_use]
     fn sharing_results(self) -> Self;
 
+    /// Lets the plan's histories begin with zeros, instead of the contents in the current plan.
+    #[must_use]
+    fn clearing_histories(self) -> Self;
+
     /// Creates only a plan's pipelines. While the result is kept, plans with equal pipelines are prepared faster:
     /// Vulkan reuses the pipelines, and on Metal the system has already compiled their shaders.
     ///

@@ -238,6 +238,7 @@ impl<G: Gpu> Device for Executor<G> {
             executor: self.id,
             cancel: Cancel::default(),
             share_results: false,
+            clears_histories: false,
             synchronization: None,
         }
     }
@@ -246,11 +247,12 @@ impl<G: Gpu> Device for Executor<G> {
     /// current when the loader was taken.
     fn swap(&mut self, ready: Ready<G>) -> Result<(), BackendError> {
         self.shared.check_lost()?;
-        let Ready { mut compiled, executor } = ready;
+        let Ready { mut compiled, clears_histories, executor } = ready;
         if executor != self.id {
             return invalid(format!("`{}` was prepared for another executor", compiled.plan.name));
         }
-        let histories = self.compiled.as_ref().map(CompiledPlan::histories).unwrap_or_default();
+        let former = self.compiled.as_ref().filter(|_| !clears_histories);
+        let histories = former.map(CompiledPlan::histories).unwrap_or_default();
         compiled.follow(&self.shared.gpu, self.plans, &histories);
         self.plans += 1;
         // Frames of the replaced plan may still be running.

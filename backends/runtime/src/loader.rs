@@ -20,6 +20,7 @@ pub struct Loader<G: Gpu> {
     pub(crate) executor: u64,
     pub(crate) cancel: Cancel,
     pub(crate) share_results: bool,
+    pub(crate) clears_histories: bool,
     pub(crate) synchronization: Option<G::Synchronization>,
 }
 
@@ -35,6 +36,7 @@ impl<G: Gpu> Loader<G> {
 /// loader came from. Dropping it unused frees its objects, on any thread.
 pub struct Ready<G: Gpu> {
     pub(crate) compiled: CompiledPlan<G>,
+    pub(crate) clears_histories: bool,
     pub(crate) executor: u64,
 }
 
@@ -47,6 +49,10 @@ impl<G: Gpu> splatgraph_api::Loader for Loader<G> {
 
     fn sharing_results(self) -> Self {
         Loader { share_results: true, ..self }
+    }
+
+    fn clearing_histories(self) -> Self {
+        Loader { clears_histories: true, ..self }
     }
 
     fn compile(self, plan: Plan) -> Result<Compiled, BackendError> {
@@ -65,10 +71,10 @@ impl<G: Gpu> splatgraph_api::Loader for Loader<G> {
     ) -> Result<Ready<G>, BackendError> {
         self.shared.check_lost()?;
         self.shared.drop_abandoned();
-        let Loader { shared, executor, cancel, share_results, synchronization } = self;
+        let Loader { shared, executor, cancel, share_results, clears_histories, synchronization } = self;
         let options = (&cancel, share_results, synchronization);
         let compiled = CompiledPlan::new(&shared, plan, scene, options, progress)
             .map_err(|error| shared.losing(error, || None))?;
-        Ok(Ready { compiled, executor })
+        Ok(Ready { compiled, clears_histories, executor })
     }
 }

@@ -1,6 +1,6 @@
 //! Submits frames, waits for their results, and repeats incomplete frames with more capacity.
 
-use super::{Flight, FrameOptions, Session, SessionError};
+use super::{Flight, Former, FrameOptions, Session, SessionError};
 use crate::draw::camera;
 use crate::draw::capacity::{self, Overflow};
 use crate::draw::inspect;
@@ -138,10 +138,11 @@ impl Session {
         tight.tighten(&raised);
         let has_spare = tight != capacities;
         let former = (std::mem::replace(&mut self.planner.capacities, capacities), self.loaded.take());
-        let mut outcome = self.load(size, share, &mut |_| {});
+        let from = if share { Former::Results } else { Former::Histories };
+        let mut outcome = self.load(size, from, &mut |_| {});
         if has_spare && outcome.as_ref().is_err_and(SessionError::spares_device) {
             self.planner.capacities = tight;
-            outcome = self.load(size, share, &mut |_| {});
+            outcome = self.load(size, from, &mut |_| {});
         }
         match outcome {
             Ok(()) => {

@@ -399,15 +399,30 @@ impl Session {
         if self.is_prepared(size) {
             return Ok(false);
         }
-        self.load(size, false, progress)?;
+        self.load(size, Former::Histories, progress)?;
         Ok(true)
     }
 
-    /// Builds and loads the plan. If `share`, reuses the results of the current plan's `Once` passes.
+    /// Starts the frames of the prepared plan anew: histories are zero, and the next frame has the number 0 and runs the
+    /// prologue. A measurement then does not depend on the frames before it.
+    ///
+    /// # Errors
+    /// See [`Session::prepare`].
+    pub fn restart(&mut self) -> Result<(), SessionError> {
+        self.frame = 0;
+        match &self.loaded {
+            Some((plan, size)) if plan.resources.iter().any(|resource| resource.history.is_some()) => {
+                self.load(*size, Former::Nothing, &mut |_| {})
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Builds and loads the plan.
     fn load(
         &mut self,
         size: (u32, u32),
-        share: bool,
+        former: Former,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<(), SessionError> {
         let (facts, catalog) = info_span!("collect facts").in_scope(|| self.facts(size));
@@ -430,7 +445,11 @@ impl Session {
         }
         info_span!("load the plan").in_scope(|| {
             let loader = self.device.loader();
-            let loader = if share { loader.sharing_results() } else { loader };
+            let loader = match former {
+                Former::Nothing => loader.clearing_histories(),
+                Former::Histories => loader,
+                Former::Results => loader.sharing_results(),
+            };
             let ready = loader.prepare(plan.clone(), &Upload(Some(&self.scene)), progress)?;
             self.device.swap(ready)
         })?;
@@ -454,6 +473,15 @@ impl Session {
         let new = found.chain(mesh).filter(|(name, _)| self.told_settings.insert(name.clone()));
         new.map(|(_, text)| format!("{}: {text}", self.pipeline)).collect()
     }
+}
+
+/// What a plan takes over from the current one.
+#[derive(Clone, Copy)]
+enum Former {
+    Nothing,
+    Histories,
+    /// Histories, and the results of `Once` passes.
+    Results,
 }
 
 /// Returns true if a plan draws the scene's mesh.

@@ -153,9 +153,15 @@ pub struct Drawn {
     pub counts: Vec<(String, u32)>,
 }
 
+/// Number of the frame of a still view whose picture is measured: a graph that reuses the previous frame's order needs
+/// one before it. Histories begin with the first of these frames.
+pub const MEASURED_FRAME: u32 = 2;
+
 fn capture(session: &mut Session, view: &View) -> Result<Result<Capture, String>, SessionError> {
-    // A graph that reuses the previous frame's order needs a frame before the capture.
-    interleaved::frame(session, &view.camera)?;
+    session.restart()?;
+    for _ in 1..MEASURED_FRAME {
+        interleaved::frame(session, &view.camera)?;
+    }
     match capture::take(session, &view.camera) {
         Ok(capture) => Ok(Ok(capture)),
         Err(error @ SessionError::Pixels(_)) => Ok(Err(error.to_string())),

@@ -5,6 +5,7 @@ use crate::draw::stats::BUSY;
 use crate::io::report::text;
 use crate::studies::measurement::noise::{MIN_SAVING, MIN_TURNS, Mark};
 use crate::studies::measurement::settings::EXACT;
+use crate::studies::measurement::view::MEASURED_FRAME;
 
 /// Titles of the table's columns, each with its meaning.
 pub(super) const COLUMNS: [(&str, &str); 13] = [
@@ -59,7 +60,7 @@ fn note(mark: Mark) -> &'static str {
     match mark {
         Mark::Best | Mark::Beaten => "",
         Mark::Likely | Mark::Unlikely => "too noisy to tell",
-        Mark::Hidden => "still views hide its cost",
+        Mark::Hidden => "reads the previous frame",
     }
 }
 
@@ -112,7 +113,7 @@ pub fn notes(lines: &[Line]) -> Vec<String> {
     }
     for name in names(Mark::Hidden) {
         notes.push(format!(
-            "`{name}` is not judged: it reads the previous frame, and still views do not show the resulting error (`popping` does)"
+            "`{name}` is not judged: it reads the previous frame. Its picture is frame {MEASURED_FRAME} of a still view, without the errors of a moving camera (`popping` measures them); an average over frames has not converged"
         ));
     }
     notes
@@ -192,7 +193,7 @@ mod tests {
         assert!(row("fast").starts_with('?') && row("fast").ends_with("too noisy to tell"), "{text}");
         assert!(row("bad").starts_with(' ') && row("bad").ends_with("1.0"), "{text}");
         assert!(
-            row("stale").starts_with(' ') && row("stale").ends_with("still views hide its cost"),
+            row("stale").starts_with(' ') && row("stale").ends_with("reads the previous frame"),
             "{text}"
         );
         let notes = notes(&lines).join("\n");
@@ -201,7 +202,10 @@ mod tests {
                 && notes.contains("took 100.0 % of their own time (99.0 to 101.0 %)"),
             "{notes}"
         );
-        assert!(notes.contains("`stale` is not judged") && notes.contains("`popping` does"), "{notes}");
+        assert!(
+            notes.contains("`stale` is not judged") && notes.contains("frame 2 of a still view"),
+            "{notes}"
+        );
         assert_eq!(super::notes(&lines[..1]), [""; 0]);
         let rests = [Line { busy: Some(0.25), ..lines[0].clone() }];
         assert!(super::notes(&rests)[0].starts_with("the device is idle for 75 % of the time"));

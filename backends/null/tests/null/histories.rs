@@ -51,6 +51,10 @@ fn histories_go_on_where_nothing_but_the_plan_changed() {
     // Of the clear's layout change, only the execution dependency remains.
     assert!(last_frame(&calls).contains(&Call::Synchronize { dependencies: 0, images: Vec::new() }));
     assert_eq!(destroyed(&calls, Object::Image), ["color"]);
+    let ready = null.loader().clearing_histories().prepare(histories(), &Zeros::default(), &mut |_| {});
+    null.swap(ready.expect("it is prepared")).expect("it is swapped in");
+    frame(&mut null, &inputs());
+    assert_eq!(started(&journal.take()), ["words", "color"]);
     finish(null, &journal);
 }
 
