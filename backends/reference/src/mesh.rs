@@ -6,9 +6,9 @@
 //! ambient light.
 
 use crate::gaussian::Splats;
-use crate::project::{cross, dot};
 use crate::rules::{KeyOf, Rules};
 use crate::srgb::{decode, encode};
+use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 use splatgraph_assets::{Camera, Mesh, MeshMaterial, Texture};
 use std::f64::consts::PI;
@@ -27,28 +27,10 @@ pub(crate) struct Surface {
     pub color: [f64; 3],
 }
 
-type Vector = [f64; 3];
-
-fn minus(a: Vector, b: Vector) -> Vector {
-    std::array::from_fn(|i| a[i] - b[i])
-}
-
-fn scaled(a: Vector, by: f64) -> Vector {
-    a.map(|v| v * by)
-}
-
-fn sum<const N: usize>(weights: [f64; N], vectors: [Vector; N]) -> Vector {
-    std::array::from_fn(|i| (0..N).map(|k| weights[k] * vectors[k][i]).sum())
-}
-
-fn unit(a: Vector) -> Vector {
-    scaled(a, dot(a, a).sqrt().recip())
-}
-
 struct Triangle {
     index: usize,
-    corner: Vector,
-    edges: [Vector; 2],
+    corner: DVec3,
+    edges: [DVec3; 2],
     /// Bounds of its corners on the image, in pixels: minimum and maximum, across then down. Infinite if it crosses the
     /// near plane.
     pixels: [[f64; 2]; 2],
@@ -59,7 +41,7 @@ struct Hit {
     triangle: usize,
     depth: f64,
     /// Barycentric weights of the triangle's corners.
-    weights: [f64; 3],
+    weights: DVec3,
 }
 
 /// The surface at each pixel of a rectangle of the image.
@@ -113,22 +95,22 @@ impl<'a> Caster<'a> {
         let near = rules.near;
         let axis_at = camera.principal_point().map(|v| v - 0.5);
         let prepare = |(index, corners): (usize, &[u32; 3])| {
-            let [a, b, c] =
-                corners.map(|corner| camera.to_view(mesh.positions[corner as usize].map(f64::from)));
-            if [a, b, c].iter().all(|p| p[2] <= near) {
+            let [a, b, c] = corners
+                .map(|corner| DVec3::from(camera.to_view(mesh.positions[corner as usize].map(f64::from))));
+            if [a, b, c].iter().all(|p| p.z <= near) {
                 return None;
             }
             let mut pixels = [[f64::NEG_INFINITY, f64::INFINITY]; 2];
-            if [a, b, c].iter().all(|p| p[2] > near) {
+            if [a, b, c].iter().all(|p| p.z > near) {
                 let focal = [camera.fx, camera.fy];
                 pixels = std::array::from_fn(|axis| {
-                    let at = [a, b, c].map(|p| focal[axis] * p[axis] / p[2] + axis_at[axis]);
+                    let at = [a, b, c].map(|p| focal[axis] * p[axis] / p.z + axis_at[axis]);
                     let bound = |pick: fn(f64, f64) -> f64| at.into_iter().reduce(pick).unwrap_or(0.0);
                     // Rounding may put a corner on either side of a pixel's centre, so the bounds have a margin.
                     [bound(f64::min) - 1e-6, bound(f64::max) + 1e-6]
                 });
             }
-            Some(Triangle { index, corner: a, edges: [minus(b, a), minus(c, a)], pixels })
+            Some(Triangle { index, corner: a, edges: [b - a, c - a], pixels })
         };
         let triangles = mesh.triangles.par_iter().enumerate().filter_map(prepare).collect();
         Caster { mesh, camera, near, key_of: rules.key_of, triangles }
@@ -173,23 +155,23 @@ impl<'a> Caster<'a> {
     fn nearer(&self, triangle: &Triangle, [x, y]: [f64; 2], hit: Option<Hit>) -> Option<Hit> {
         let Camera { fx, fy, .. } = *self.camera;
         let [cx, cy] = self.camera.principal_point().map(|v| v - 0.5);
-        let ray = [(x - cx) / fx, (y - cy) / fy, 1.0];
+        let ray = DVec3::new((x - cx) / fx, (y - cy) / fy, 1.0);
         let [to_b, to_c] = triangle.edges;
-        let across = cross(ray, to_c);
-        let determinant = dot(to_b, across);
+        let across = ray.cross(to_c);
+        let determinant = to_b.dot(across);
         if determinant == 0.0 {
             return hit;
         }
-        let from = scaled(triangle.corner, -1.0);
-        let b = dot(from, across) / determinant;
-        let other = cross(from, to_b);
-        let c = dot(ray, other) / determinant;
-        let depth = dot(to_c, other) / determinant;
+        let from = -triangle.corner;
+        let b = from.dot(across) / determinant;
+        let other = from.cross(to_b);
+        let c = ray.dot(other) / determinant;
+        let depth = to_c.dot(other) / determinant;
         let inside = b >= 0.0 && c >= 0.0 && b + c <= 1.0 && depth > self.near;
         if !inside || hit.is_some_and(|hit| hit.depth <= depth) {
             return hit;
         }
-        let found = Hit { triangle: triangle.index, depth, weights: [1.0 - b - c, b, c] };
+        let found = Hit { triangle: triangle.index, depth, weights: DVec3::new(1.0 - b - c, b, c) };
         let material = self.material(&found);
         let cutoff = f64::from(material.alpha_cutoff);
         match cutoff > 0.0 && self.base(material, self.uv(&found))[3] < cutoff {
@@ -202,17 +184,19 @@ impl<'a> Caster<'a> {
     fn seen(&self, hit: &Hit) -> Surface {
         let key = match self.key_of {
             KeyOf::Depth => hit.depth,
-            KeyOf::Distance => {
-                let away = minus(self.place(hit), self.camera.position);
-                dot(away, away).sqrt()
-            }
+            KeyOf::Distance => self.place(hit).distance(self.camera.position.into()),
         };
         Surface { depth: key, color: self.shade(hit) }
     }
 
-    fn place(&self, hit: &Hit) -> Vector {
-        let corners = self.mesh.triangles[hit.triangle].map(|corner| self.mesh.positions[corner as usize]);
-        sum(hit.weights, corners.map(|corner| corner.map(f64::from)))
+    fn place(&self, hit: &Hit) -> DVec3 {
+        self.between_corners(hit, &self.mesh.positions)
+    }
+
+    /// Interpolates a value that each corner has.
+    fn between_corners(&self, hit: &Hit, values: &[[f32; 3]]) -> DVec3 {
+        let corners = self.mesh.triangles[hit.triangle].map(|corner| values[corner as usize].map(f64::from));
+        DMat3::from_cols_array_2d(&corners) * hit.weights
     }
 
     fn material(&self, hit: &Hit) -> &'a MeshMaterial {
@@ -260,35 +244,34 @@ impl<'a> Caster<'a> {
     }
 
     /// Returns the normal at a hit, with the material's normal map applied, turned towards `to_camera`.
-    fn normal(&self, hit: &Hit, material: &MeshMaterial, uv: [f64; 2], to_camera: Vector) -> Vector {
+    fn normal(&self, hit: &Hit, material: &MeshMaterial, uv: [f64; 2], to_camera: DVec3) -> DVec3 {
         let corners = self.mesh.triangles[hit.triangle].map(|corner| corner as usize);
-        let mut normal =
-            unit(sum(hit.weights, corners.map(|corner| self.mesh.normals[corner].map(f64::from))));
+        let mut normal = self.between_corners(hit, &self.mesh.normals).normalize();
         if let Some([x, y, z, _]) = self.sample(material.normal_image, uv, false) {
-            let [a, b, c] = corners.map(|corner| self.mesh.positions[corner].map(f64::from));
-            let [ua, ub, uc] = corners.map(|corner| self.mesh.uvs[corner].map(f64::from));
-            let (to_b, to_c) = (minus(b, a), minus(c, a));
-            let (ub, uc) = ([ub[0] - ua[0], ub[1] - ua[1]], [uc[0] - ua[0], uc[1] - ua[1]]);
-            let area = ub[0] * uc[1] - uc[0] * ub[1];
-            let along_u = sum([uc[1] / area, -ub[1] / area], [to_b, to_c]);
-            let along_v = sum([ub[0] / area, -uc[0] / area], [to_c, to_b]);
-            let tangent = minus(along_u, scaled(normal, dot(normal, along_u)));
-            if area != 0.0 && dot(tangent, tangent) > 0.0 {
-                let tangent = unit(tangent);
-                let across = cross(normal, tangent);
+            let [a, b, c] = corners.map(|corner| DVec3::from(self.mesh.positions[corner].map(f64::from)));
+            let [ua, ub, uc] = corners.map(|corner| DVec2::from(self.mesh.uvs[corner].map(f64::from)));
+            let (to_b, to_c) = (b - a, c - a);
+            let (ub, uc) = (ub - ua, uc - ua);
+            let area = ub.perp_dot(uc);
+            let along_u = to_b * (uc.y / area) - to_c * (ub.y / area);
+            let along_v = to_c * (ub.x / area) - to_b * (uc.x / area);
+            let tangent = along_u - normal * normal.dot(along_u);
+            if area != 0.0 && tangent.length_squared() > 0.0 {
+                let tangent = tangent.normalize();
+                let across = normal.cross(tangent);
                 // Green points up, against v.
-                let up = if dot(across, along_v) > 0.0 { scaled(across, -1.0) } else { across };
+                let up = if across.dot(along_v) > 0.0 { -across } else { across };
                 let scale = f64::from(material.normal_scale);
                 let [x, y, z] = [x, y, z].map(|v| 2.0 * v - 1.0);
-                normal = unit(sum([scale * x, scale * y, z], [tangent, up, normal]));
+                normal = (tangent * (scale * x) + up * (scale * y) + normal * z).normalize();
             }
         }
-        if dot(normal, to_camera) < 0.0 { scaled(normal, -1.0) } else { normal }
+        if normal.dot(to_camera) < 0.0 { -normal } else { normal }
     }
 
     fn shade(&self, hit: &Hit) -> [f64; 3] {
         let (material, uv, light) = (self.material(hit), self.uv(hit), &self.mesh.light);
-        let to_camera = unit(minus(self.camera.position, self.place(hit)));
+        let to_camera = (DVec3::from(self.camera.position) - self.place(hit)).normalize();
         let base = self.base(material, uv);
         let (mut metallic, mut roughness) = (f64::from(material.metallic), f64::from(material.roughness));
         if let Some([_, green, blue, _]) = self.sample(material.metallic_roughness_image, uv, false) {
@@ -296,10 +279,10 @@ impl<'a> Caster<'a> {
             metallic *= blue;
         }
         let normal = self.normal(hit, material, uv, to_camera);
-        let to_light = light.direction.map(f64::from);
-        let between = unit(sum([1.0, 1.0], [to_camera, to_light]));
-        let (nl, nv) = (dot(normal, to_light).max(0.0), dot(normal, to_camera).max(1e-4));
-        let (nh, vh) = (dot(normal, between).max(0.0), dot(to_camera, between).max(0.0));
+        let to_light = DVec3::from(light.direction.map(f64::from));
+        let between = (to_camera + to_light).normalize();
+        let (nl, nv) = (normal.dot(to_light).max(0.0), normal.dot(to_camera).max(1e-4));
+        let (nh, vh) = (normal.dot(between).max(0.0), to_camera.dot(between).max(0.0));
         let alpha2 = roughness.max(MIN_ROUGHNESS).powi(4);
         let distribution = alpha2 / (PI * (nh * nh * (alpha2 - 1.0) + 1.0).powi(2));
         let shadow = |a: f64, b: f64| a * (b * b * (1.0 - alpha2) + alpha2).sqrt();

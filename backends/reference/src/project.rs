@@ -14,6 +14,7 @@ use crate::harmonics;
 use crate::lens::Lens;
 use crate::order::{self, View};
 use crate::rules::{Extent, LowPass, Rules};
+use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 use splatgraph_assets::Camera;
 
@@ -184,10 +185,9 @@ impl<'a> Projector<'a> {
         let center = self.lens.pixel(view);
         let [r0, r1] = self.axes(view, splat);
         let low_pass = self.rules.low_pass.variance();
-        let (a0, b, c0) = (dot(r0, r0), dot(r0, r1), dot(r1, r1));
+        let (a0, b, c0) = (r0.length_squared(), r0.dot(r1), r1.length_squared());
         let (a, c) = (a0 + low_pass, c0 + low_pass);
-        let normal = cross(r0, r1);
-        let sharp_det = dot(normal, normal);
+        let sharp_det = r0.cross(r1).length_squared();
         let det = sharp_det + low_pass * (a0 + c0) + low_pass * low_pass;
         if !(det > 0.0 && det.is_finite() && center.iter().all(|v| v.is_finite())) {
             return None;
@@ -219,23 +219,21 @@ impl<'a> Projector<'a> {
     fn normal(&self, splat: &Gaussian) -> [f64; 3] {
         let [a, b, c] = splat.scale;
         let shortest = if c < a.min(b) { 2 } else { usize::from(b < a) };
-        let axis = rotation(splat.rotation).map(|row| row[shortest]);
-        let from_camera = std::array::from_fn(|i| splat.position[i] - self.camera.position[i]);
-        if dot(axis, from_camera) > 0.0 { axis.map(|v| -v) } else { axis }
+        let axis = rotation(splat).col(shortest);
+        let from_camera = DVec3::from(splat.position) - DVec3::from(self.camera.position);
+        let towards_camera = if axis.dot(from_camera) > 0.0 { -axis } else { axis };
+        towards_camera.into()
     }
 
     /// Returns the two rows of `M = J W R S`. Its columns are the splat's three axes on the image, in pixels. Source:
     /// `computeCov2D` and `computeCov3D` in forward.cu.
-    fn axes(&self, view: [f64; 3], splat: &Gaussian) -> [[f64; 3]; 2] {
-        let jacobian = self.lens.jacobian(view);
-        let rotation = rotation(splat.rotation);
-        let rows = self.view.rows();
-        // Column `axis` of W R S: the splat's axis in view space.
-        let columns: [[f64; 3]; 3] = std::array::from_fn(|axis| {
-            let world: [f64; 3] = std::array::from_fn(|i| rotation[i][axis] * splat.scale[axis]);
-            rows.map(|row| dot(row, world))
-        });
-        jacobian.map(|row| columns.map(|column| dot(row, column)))
+    fn axes(&self, view: [f64; 3], splat: &Gaussian) -> [DVec3; 2] {
+        let to_view = DMat3::from_cols_array_2d(&self.view.rows()).transpose();
+        let rotation = rotation(splat);
+        // The columns of W R S: the splat's axes in view space.
+        let [x, y, z] = [0, 1, 2].map(|axis| to_view * (rotation.col(axis) * splat.scale[axis]));
+        let axes = DMat3::from_cols(x, y, z).transpose();
+        self.lens.jacobian(view).map(|row| axes * DVec3::from(row))
     }
 
     /// Returns half the width and height of the rectangle whose tiles the splat touches.
@@ -272,21 +270,9 @@ impl<'a> Projector<'a> {
     }
 }
 
-/// Returns the rotation matrix of a quaternion w, x, y, z, by rows.
-fn rotation([w, x, y, z]: [f64; 4]) -> [[f64; 3]; 3] {
-    [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-}
-
-pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+fn rotation(splat: &Gaussian) -> DMat3 {
+    let [w, x, y, z] = splat.rotation;
+    DMat3::from_quat(DQuat::from_xyzw(x, y, z, w))
 }
 
 #[cfg(test)]

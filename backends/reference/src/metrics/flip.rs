@@ -11,6 +11,7 @@
 
 use super::{BAND, ImageRef, LANES, weighted};
 use crate::srgb;
+use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -29,13 +30,13 @@ pub struct Seen {
 impl Seen {
     /// Filters a picture. Values are clamped to 0..1.
     pub fn of_floats(image: ImageRef) -> Seen {
-        Seen::of(image, |value| srgb::decode(super::shown(value)))
+        Seen::in_bands(image, BAND, |value| srgb::decode(super::shown(value)))
     }
 
     /// Filters a picture in 8 bits. Values are clamped to 0..1, and rounded to multiples of 1/255.
     pub fn of_8_bits(image: ImageRef) -> Seen {
         let levels: [f64; 256] = std::array::from_fn(|level| srgb::decode(level as f64 / 255.0));
-        Seen::of(image, |value| levels[(super::shown(value) * 255.0).round() as usize])
+        Seen::in_bands(image, BAND, |value| levels[(super::shown(value) * 255.0).round() as usize])
     }
 
     /// Computes the mean FLIP over the pixels: 0 for equal pictures, at most 1.
@@ -57,15 +58,10 @@ impl Seen {
         sums.iter().sum::<f64>() / self.colour.len().max(1) as f64
     }
 
-    /// Filters a picture; `linear` decodes a value.
-    fn of(image: ImageRef, linear: impl Fn(f64) -> f64 + Sync) -> Seen {
-        Seen::in_bands(image, BAND, linear)
-    }
-
-    /// Filters a picture in bands of `band` rows, in parallel.
+    /// Filters a picture in bands of `band` rows, in parallel; `linear` decodes a value.
     fn in_bands(image: ImageRef, band: usize, linear: impl Fn(f64) -> f64 + Sync) -> Seen {
         let (width, height) = (image.width, image.height);
-        let inverse = glam::DMat3::from_cols_array_2d(&TO_XYZ).transpose().inverse();
+        let inverse = TO_XYZ.inverse();
         let of_band = |top: usize| {
             // With the rows within the reach of the filters, pixels have the same values as in the whole picture.
             let rows = top.saturating_sub(reach())..(top + band + reach()).min(height);
@@ -105,20 +101,15 @@ impl Seen {
 }
 
 /// Matrix from linear RGB to XYZ (IEC 61966-2-1). The sums of its rows are the white point D65.
-const TO_XYZ: [[f64; 3]; 3] = [
-    [0.412_390_8, 0.357_584_3, 0.180_480_8],
-    [0.212_639_0, 0.715_168_7, 0.072_192_3],
-    [0.019_330_8, 0.119_194_8, 0.950_532_2],
-];
-
-fn product(matrix: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|row| (0..3).map(|column| matrix[row][column] * v[column]).sum())
-}
+const TO_XYZ: DMat3 = DMat3::from_cols(
+    DVec3::new(0.412_390_8, 0.212_639_0, 0.019_330_8),
+    DVec3::new(0.357_584_3, 0.715_168_7, 0.119_194_8),
+    DVec3::new(0.180_480_8, 0.072_192_3, 0.950_532_2),
+);
 
 /// Converts linear RGB to XYZ, relative to the white point.
 fn relative(rgb: [f64; 3]) -> [f64; 3] {
-    let (xyz, white) = (product(&TO_XYZ, rgb), product(&TO_XYZ, [1.0; 3]));
-    std::array::from_fn(|c| xyz[c] / white[c])
+    (TO_XYZ * DVec3::from(rgb) / (TO_XYZ * DVec3::ONE)).into()
 }
 
 /// Converts linear RGB to the opponent space YCxCz.
@@ -128,11 +119,10 @@ fn to_opponent(rgb: [f64; 3]) -> [f64; 3] {
 }
 
 /// Converts YCxCz to linear RGB; `inverse` is the inverse of [`TO_XYZ`].
-fn from_opponent([lightness, x, z]: [f64; 3], inverse: &glam::DMat3) -> [f64; 3] {
+fn from_opponent([lightness, x, z]: [f64; 3], inverse: &DMat3) -> [f64; 3] {
     let y = (lightness + 16.0) / 116.0;
-    let white = product(&TO_XYZ, [1.0; 3]);
-    let xyz = [y + x / 500.0, y, y - z / 200.0];
-    (*inverse * glam::DVec3::from(std::array::from_fn::<f64, 3, _>(|c| xyz[c] * white[c]))).into()
+    let xyz = DVec3::new(y + x / 500.0, y, y - z / 200.0) * (TO_XYZ * DVec3::ONE);
+    (*inverse * xyz).into()
 }
 
 fn to_lab(rgb: [f64; 3]) -> [f64; 3] {
