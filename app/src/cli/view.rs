@@ -82,7 +82,8 @@ pub struct Args {
     /// Resolution of the picture: pixels per pixel of the window, in each direction
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     scale: f32,
-    /// Tools to open, comma-separated [default: as in the last window, or parameters,times,timeline,hud]
+    /// Tools to open, comma-separated [default: as in the last window (not with --screenshot or --frames), or
+    /// parameters,times,timeline,hud]
     #[arg(long, value_name = "PANELS", value_enum, value_delimiter = ',')]
     show: Vec<ShowPanel>,
     /// Inspect a resource after a pass (names as in `dump`), in the inspector
@@ -100,7 +101,7 @@ pub struct Args {
     /// Select the splats in a box of the first picture, given as shares of its width and height
     #[arg(long, value_name = "LEFT,TOP,RIGHT,BOTTOM", value_parser = area)]
     select_box: Option<[f32; 4]>,
-    /// Theme of the window [default: as in the last window, or dark]
+    /// Theme of the window [default: as in the last window (not with --screenshot or --frames), or dark]
     #[arg(long, value_enum)]
     theme: Option<Theme>,
     /// Draw as fast as the device can, without waiting for the display
