@@ -104,7 +104,7 @@ impl FileNotes {
         self.low_pass != Filter::Dilated
     }
 
-    /// Counts inner nodes and mesh primitives that were not read, and clamped opacities: a phrase per nonzero count.
+    /// Lists the nonzero numbers of unread tree nodes, unread mesh primitives and clamped opacities, a phrase for each.
     pub fn left_out(&self) -> Vec<String> {
         let counted = [
             (self.lod_nodes, "nodes of a tree of levels of detail above its leaves"),

@@ -52,8 +52,8 @@ pub(super) fn mentioned(
     if used.len() == lowered.plan.params.len() {
         return Vec::new();
     }
-    // This stub of the generated file mentions the block and no parameter, so only parameters that the shader's
-    // own text mentions count.
+    // This stub of the generated file mentions the block, which shows that a shader includes it, but no parameter: only
+    // parameters in the shader's own text count.
     let generated = linker::generated(files, LIVE_BLOCK);
     let mut known: BTreeMap<_, BTreeSet<String>> = BTreeMap::new();
     let mut of_shader = |removed: &RemovedPass, name: &String| -> ParamSet {

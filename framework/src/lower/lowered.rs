@@ -79,8 +79,9 @@ impl Lowered {
 pub struct Declaration {
     /// Place of the declaration in the file.
     pub span: Span,
-    /// For `last(name)`, the resource `name`, or its half in front at the end of the frame if it is a ping-pong
-    /// resource; `None` for all others. Readers of `last(name)` run before this frame's writers.
+    /// For `last(name)`, the resource `name`, or the half that is in front at the end of a frame; otherwise `None`.
+    ///
+    /// Readers of `last(name)` run before this frame's writers.
     pub previous_frame_of: Option<ResourceId>,
     /// Parameters that the declaration depends on.
     pub params: ParamSet,

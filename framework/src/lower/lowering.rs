@@ -123,8 +123,7 @@ pub(super) struct History {
     pub of: Handle,
 }
 
-/// Returns the places of the graph's own parameters and `let`s whose name, or the name of an option, is `define` in
-/// shaders.
+/// Returns the places of the graph's own parameters and `let`s that define the constant `define`, also as an option.
 fn declarations_of(define: &str, opened: &Opened, params: &[Param]) -> Vec<Span> {
     let names = |name: &str| {
         let options = params.iter().find(|param| param.name == *name).map(|param| &param.domain);

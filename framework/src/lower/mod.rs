@@ -207,7 +207,7 @@ impl ExpressionNames {
         self.0.iter().map(|(name, value)| (name.as_str(), value))
     }
 
-    /// Evaluates an expression; `None` if it is invalid, has no value, or uses another name, such as the variable of a
+    /// Evaluates an expression. `None` if it is invalid, has no value, or uses another name, such as the variable of a
     /// repeat.
     pub fn evaluate(&self, expression: &str) -> Option<Value> {
         Expr::parse(expression).ok()?.eval(&self.0).ok()
@@ -255,7 +255,7 @@ pub fn standing(request: &Request, files: &mut SourceMap) -> Result<Standing, Ve
 /// A graph of a choice, or the only graph of a request without a choice.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
-    /// Name by which the choice refers to the graph; without a choice, the request's name.
+    /// Name by which the innermost choice refers to the graph; without a choice, the request's name.
     pub name: String,
     /// Unmet requirements of the graph, and of the choice for it.
     pub unmet: Vec<Unmet>,

@@ -390,8 +390,8 @@ pub(super) fn given(
     within(value, domain).map_err(|m| at.error("this value does not fit the parameter", m))
 }
 
-/// Returns the reason for a value of [`given`], the parameters that its evaluation read, and those that its expression
-/// names but its evaluation did not read. All three are empty for a literal.
+/// Explains a value of [`given`]: its reason, the parameters read, and the parameters named but not read. All three are
+/// empty for a literal.
 fn reason(number: &Number, domain: &Domain, names: &Names) -> (Option<Reason>, ParamSet, ParamSet) {
     match (number, domain) {
         (Number::Literal(_), _) => Default::default(),

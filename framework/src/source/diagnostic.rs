@@ -46,8 +46,8 @@ impl Diagnostic {
         self
     }
 
-    /// Removes diagnostics that repeat the message and the place of an earlier one, because a file that is included
-    /// twice reports each error twice.
+    /// Removes diagnostics that repeat the message and the place of an earlier one. A file that is included twice
+    /// reports each error twice.
     pub fn distinct(mut all: Vec<Diagnostic>) -> Vec<Diagnostic> {
         let mut seen = HashSet::new();
         all.retain(|new| seen.insert((new.primary.span, new.message.clone())));

@@ -27,7 +27,7 @@ impl GraphErrors {
         }
     }
 
-    /// Appends a note about the device to the rendered errors, if one of them is about the device or its limits.
+    /// Appends a note to the rendered errors, if one of them is about the device or its limits.
     pub fn with_device(mut self, note: &str) -> GraphErrors {
         let is_about = |text: &String| {
             let is_limit = text.contains("expected at most") && !text.contains("any device");
