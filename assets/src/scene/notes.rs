@@ -145,7 +145,7 @@ impl FileNotes {
         [("low_pass", self.low_pass.name()), ("key_of", self.key_of.name())]
     }
 
-    /// Lists the file's tags, each with the name and the value of the parameter that it sets.
+    /// Lists the file's tags with their values, `low_pass` and `key_of` only if they differ from the published rules.
     pub fn tags(&self) -> Vec<(&'static str, String)> {
         let published = Self::default().rules();
         let own = self.rules().into_iter().filter(|rule| !published.contains(rule));
