@@ -5,19 +5,19 @@
 use ash::vk;
 use splatgraph_framework::ir::Reflection;
 use splatgraph_framework::{ir::*, plan::*};
-use splatgraph_runtime::{BlendFactor, Limits, PipelineState, PipelineStates, position_or_push};
+use splatgraph_runtime::{BlendFactor, Limits, PipelineState};
 use std::ops::BitOr;
 use std::sync::Arc;
 
 /// The layout of descriptor set 0, and the push constants. Passes with equal interfaces share a pipeline layout.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Interface {
     pub bindings: Vec<InterfaceBinding>,
     pub push_bytes: u32,
     pub stages: vk::ShaderStageFlags,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct InterfaceBinding {
     pub binding: u32,
     pub kind: vk::DescriptorType,
@@ -30,13 +30,6 @@ pub(crate) struct Subgroups {
     pub size: Option<u32>,
     /// True to require full subgroups, in which all lanes are active at the start.
     pub full: bool,
-}
-
-/// The pipelines of a plan, each with the index of its interface in `interfaces`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Lowered {
-    pub interfaces: Vec<Interface>,
-    pub pipelines: PipelineStates<usize>,
 }
 
 /// Everything that a device's pipeline depends on, and the name of its first shader.
@@ -70,14 +63,7 @@ impl PipelineKey {
     }
 }
 
-/// Lowers a checked plan to interfaces and pipelines, with equal ones merged.
-pub(crate) fn lower(plan: &Plan) -> Lowered {
-    let mut interfaces = Vec::new();
-    let pipelines = PipelineStates::new(plan, |pass| position_or_push(&mut interfaces, interface(pass)));
-    Lowered { interfaces, pipelines }
-}
-
-fn interface(pass: &Pass) -> Interface {
+pub(crate) fn interface(pass: &Pass) -> Interface {
     let mut bindings: Vec<InterfaceBinding> = Vec::new();
     for binding in &pass.bindings {
         match bindings.iter_mut().find(|b| b.binding == binding.binding) {
@@ -205,7 +191,7 @@ mod tests {
     use super::*;
     use crate::testing::*;
     use splatgraph_framework::ir::ShaderStage;
-    use splatgraph_runtime::SubgroupLimits;
+    use splatgraph_runtime::{PipelineStates, SubgroupLimits};
 
     fn limits(selectable: bool) -> Limits {
         Limits {
@@ -219,7 +205,7 @@ mod tests {
     fn a_pass_that_binds_otherwise_has_a_pipeline_of_its_own() {
         let mut plan = plan();
         plan.passes[2].bindings[0].binding = 3;
-        assert_eq!(lower(&plan).pipelines.states.len(), 3);
+        assert_eq!(PipelineStates::new(&plan, interface).states.len(), 3);
     }
 
     #[test]
@@ -227,9 +213,8 @@ mod tests {
         let key = |at: usize, alter: fn(&mut Plan)| {
             let mut plan = plan();
             alter(&mut plan);
-            let lowered = lower(&plan);
-            let (state, interface) = &lowered.pipelines.states[at];
-            PipelineKey::new(&plan, state, &lowered.interfaces[*interface], &limits(true))
+            let (state, interface) = &PipelineStates::new(&plan, interface).states[at];
+            PipelineKey::new(&plan, state, interface, &limits(true))
         };
         for at in 0..2 {
             let same = key(at, |_| {});
@@ -269,8 +254,7 @@ mod tests {
 
     #[test]
     fn bindings_are_sorted_and_arrays_are_as_long_as_their_last_element() {
-        let lowered = lower(&plan());
-        let draw = &lowered.interfaces[lowered.pipelines.states[1].1];
+        let draw = interface(&plan().passes[3]);
         let binding = |binding, kind, count| InterfaceBinding { binding, kind, count };
         assert_eq!(
             draw.bindings,

@@ -5,12 +5,12 @@
 
 use crate::error::api;
 use crate::gpu::{Owned, Pipeline, PipelineLayout, VulkanGpu};
-use crate::lower::{self, Interface, Lowered, PipelineKey, Subgroups};
+use crate::lower::{self, Interface, PipelineKey, Subgroups};
 use ash::vk;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::{Blend, DepthAccess, Format, PassId, ShaderId, Topology};
 use splatgraph_framework::plan::Plan;
-use splatgraph_runtime::{BlendFactors, NextPipeline, PipelineState};
+use splatgraph_runtime::{BlendFactors, NextPipeline, PipelineState, PipelineStates};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::num::NonZero;
@@ -21,7 +21,7 @@ use std::thread;
 /// The pipelines of one plan.
 pub struct Pipelines {
     pipelines: Vec<Arc<Pipeline>>,
-    lowered: Lowered,
+    lowered: PipelineStates<Interface>,
 }
 
 impl Pipelines {
@@ -32,19 +32,17 @@ impl Pipelines {
         plan: &Plan,
         next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
     ) -> Result<Pipelines, BackendError> {
-        let lowered = lower::lower(plan);
-        let states = &lowered.pipelines.states;
-        let key = |(state, interface): &(_, usize)| {
-            PipelineKey::new(plan, state, &lowered.interfaces[*interface], &gpu.common.limits)
-        };
+        let lowered = PipelineStates::new(plan, lower::interface);
+        let states = &lowered.states;
+        let key = |(state, interface): &(_, _)| PipelineKey::new(plan, state, interface, &gpu.common.limits);
         let keys: Vec<PipelineKey> = states.iter().map(key).collect();
         let mut pipelines: Vec<Option<Arc<Pipeline>>> =
             keys.iter().map(|key| gpu.find_pipeline(key)).collect();
         let missing: Vec<usize> = (0..states.len()).filter(|at| pipelines[*at].is_none()).collect();
         let (mut layouts, mut modules) = (HashMap::new(), HashMap::new());
         for (state, interface) in missing.iter().map(|at| &states[*at]) {
-            if let Entry::Vacant(entry) = layouts.entry(*interface) {
-                entry.insert(Arc::new(layout(gpu, &lowered.interfaces[*interface])?));
+            if let Entry::Vacant(entry) = layouts.entry(interface) {
+                entry.insert(Arc::new(layout(gpu, interface)?));
             }
             for shader in state.shaders() {
                 if let Entry::Vacant(entry) = modules.entry(shader) {
@@ -59,7 +57,7 @@ impl Pipelines {
             gpu.share_pipeline(keys[at].clone(), &pipeline);
             Ok(pipeline)
         };
-        let next = |number: usize| next(lowered.pipelines.next(missing[number]));
+        let next = |number: usize| next(lowered.next(missing[number]));
         for (at, pipeline) in missing.iter().zip(in_parallel(missing.len(), create, next)?) {
             pipelines[*at] = Some(pipeline);
         }
@@ -68,13 +66,12 @@ impl Pipelines {
     }
 
     pub(crate) fn find(&self, pass: PassId) -> Option<(&Pipeline, &PipelineLayout)> {
-        let pipeline = &self.pipelines[self.lowered.pipelines.of_pass[pass.index()]?];
+        let pipeline = &self.pipelines[self.lowered.of_pass[pass.index()]?];
         Some((pipeline, &pipeline.layout))
     }
 
     pub(crate) fn interface(&self, pass: PassId) -> Option<&Interface> {
-        let (_, interface) = &self.lowered.pipelines.states[self.lowered.pipelines.of_pass[pass.index()]?];
-        Some(&self.lowered.interfaces[*interface])
+        Some(&self.lowered.states[self.lowered.of_pass[pass.index()]?].1)
     }
 }
 
