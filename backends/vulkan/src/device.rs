@@ -234,7 +234,9 @@ pub(crate) fn create(
     unchecked: bool,
 ) -> Result<ash::Device, BackendError> {
     let mut features = OptionalFeatures::of(instance, physical.handle);
-    let OptionalFeatures { core, vulkan11, vulkan12, atomic_float, uniform_flow, .. } = &mut features;
+    let OptionalFeatures {
+        core, vulkan11, vulkan12, float, has_atomic_float, flow, has_uniform_flow, ..
+    } = &mut features;
     // Features that every 1.3 device has are requested outright. The others are enabled if present: a plan with a
     // shader that needs a missing one is refused.
     vulkan12.host_query_reset = vk::TRUE;
@@ -278,13 +280,13 @@ pub(crate) fn create(
     if let Some(two) = &mut robust.two {
         info = info.push_next(two);
     }
-    if let Some(atomic_float) = atomic_float {
+    if *has_atomic_float {
         names.push(ext::shader_atomic_float::NAME.as_ptr());
-        info = info.push_next(atomic_float);
+        info = info.push_next(float);
     }
-    if let Some(uniform_flow) = uniform_flow {
+    if *has_uniform_flow {
         names.push(khr::shader_subgroup_uniform_control_flow::NAME.as_ptr());
-        info = info.push_next(uniform_flow);
+        info = info.push_next(flow);
     }
     info = info.enabled_extension_names(&names);
     // SAFETY: `info` and its chain live until the call returns; the features requested are mandatory or were found.

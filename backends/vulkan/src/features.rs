@@ -6,30 +6,23 @@ use ash::{ext, khr, vk};
 use splatgraph_framework::ir::Features;
 
 /// The optional features that the device is opened with, except robustness. All others stay off.
+#[derive(Default)]
 pub(crate) struct OptionalFeatures {
     pub core: vk::PhysicalDeviceFeatures,
     pub vulkan11: vk::PhysicalDeviceVulkan11Features<'static>,
     pub vulkan12: vk::PhysicalDeviceVulkan12Features<'static>,
-    /// Features of `VK_EXT_shader_atomic_float`; `None` without the extension.
-    pub atomic_float: Option<vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT<'static>>,
-    /// The feature of `VK_KHR_shader_subgroup_uniform_control_flow`; `None` without the extension.
-    pub uniform_flow: Option<vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR<'static>>,
+    pub float: vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT<'static>,
+    /// True if the device has `VK_EXT_shader_atomic_float`, whose features are in `float`.
+    pub has_atomic_float: bool,
+    pub flow: vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR<'static>,
+    /// True if the device has `VK_KHR_shader_subgroup_uniform_control_flow`, whose feature is in `flow`.
+    pub has_uniform_flow: bool,
     /// The features that shaders can use.
     pub shaders: Features,
 }
 
-/// Vulkan's feature structures, filled with the features that a device supports, or with the enabled ones.
-#[derive(Default)]
-struct Structs {
-    core: vk::PhysicalDeviceFeatures,
-    vulkan11: vk::PhysicalDeviceVulkan11Features<'static>,
-    vulkan12: vk::PhysicalDeviceVulkan12Features<'static>,
-    float: vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT<'static>,
-    flow: vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR<'static>,
-}
-
 /// An accessor of one feature.
-type Field = fn(&mut Structs) -> &mut vk::Bool32;
+type Field = fn(&mut OptionalFeatures) -> &mut vk::Bool32;
 
 /// The features to enable if the device has them, each with the shader feature that it provides, if any.
 const SELECTED: [(Features, Field); 39] = [
@@ -100,7 +93,7 @@ impl OptionalFeatures {
         let has_atomic_float = instance.has_extension(handle, ext::shader_atomic_float::NAME);
         let has_uniform_flow =
             instance.has_extension(handle, khr::shader_subgroup_uniform_control_flow::NAME);
-        let mut has = Structs::default();
+        let mut has = OptionalFeatures::default();
         let mut query =
             vk::PhysicalDeviceFeatures2::default().push_next(&mut has.vulkan11).push_next(&mut has.vulkan12);
         if has_atomic_float {
@@ -117,18 +110,16 @@ impl OptionalFeatures {
         // SAFETY: as above.
         unsafe { instance.raw.get_physical_device_properties2(handle, &mut properties) };
 
-        let mut enabled = Structs::default();
-        let mut shaders = flags(&OPERATIONS, |bit| subgroups.supported_operations.contains(bit))
+        let shaders = flags(&OPERATIONS, |bit| subgroups.supported_operations.contains(bit))
             | flags(&STAGES, |bit| subgroups.supported_stages.contains(bit));
+        let mut enabled =
+            OptionalFeatures { has_atomic_float, has_uniform_flow, shaders, ..Default::default() };
         for (feature, field) in SELECTED {
             *field(&mut enabled) = *field(&mut has);
             if *field(&mut has) == vk::TRUE {
-                shaders |= feature;
+                enabled.shaders |= feature;
             }
         }
-        let Structs { core, vulkan11, vulkan12, float, flow } = enabled;
-        let (atomic_float, uniform_flow) =
-            (has_atomic_float.then_some(float), has_uniform_flow.then_some(flow));
-        OptionalFeatures { core, vulkan11, vulkan12, atomic_float, uniform_flow, shaders }
+        enabled
     }
 }
