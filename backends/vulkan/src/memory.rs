@@ -108,15 +108,10 @@ pub(crate) fn create_buffer(
     let buffer = Owned::new(gpu, raw);
     gpu.name(raw, desc.name);
     let info = vk::BufferMemoryRequirementsInfo2::default().buffer(raw);
-    let mut dedicated = vk::MemoryDedicatedRequirements::default();
-    let mut answer = vk::MemoryRequirements2::default().push_next(&mut dedicated);
+    let kinds = [MemoryKind::Linear, MemoryKind::DedicatedBuffer(raw.as_raw())];
     // SAFETY: the buffer is alive, and the chain lives until the call returns.
-    unsafe { gpu.device.get_buffer_memory_requirements2(&info, &mut answer) };
-    let answer = answer.memory_requirements;
-    Ok((
-        buffer,
-        requirements(answer, &dedicated, MemoryKind::Linear, MemoryKind::DedicatedBuffer(raw.as_raw())),
-    ))
+    let needs = requirements(kinds, |to| unsafe { gpu.device.get_buffer_memory_requirements2(&info, to) });
+    Ok((buffer, needs))
 }
 
 pub(crate) fn bind_buffer(
@@ -157,15 +152,10 @@ pub(crate) fn create_image(
     let image = Owned::new(gpu, raw);
     gpu.name(raw, desc.name);
     let info = vk::ImageMemoryRequirementsInfo2::default().image(raw);
-    let mut dedicated = vk::MemoryDedicatedRequirements::default();
-    let mut answer = vk::MemoryRequirements2::default().push_next(&mut dedicated);
+    let kinds = [MemoryKind::Optimal, MemoryKind::DedicatedImage(raw.as_raw())];
     // SAFETY: the image is alive, and the chain lives until the call returns.
-    unsafe { gpu.device.get_image_memory_requirements2(&info, &mut answer) };
-    let answer = answer.memory_requirements;
-    Ok((
-        image,
-        requirements(answer, &dedicated, MemoryKind::Optimal, MemoryKind::DedicatedImage(raw.as_raw())),
-    ))
+    let needs = requirements(kinds, |to| unsafe { gpu.device.get_image_memory_requirements2(&info, to) });
+    Ok((image, needs))
 }
 
 pub(crate) fn bind_image(
@@ -191,17 +181,15 @@ pub(crate) fn bind_image(
     Ok(Image { view: Owned::new(gpu, view), raw: image })
 }
 
+/// Returns the requirements that `query` writes. The kind is `alone` if the driver requires a dedicated allocation.
 fn requirements(
-    answer: vk::MemoryRequirements,
-    dedicated: &vk::MemoryDedicatedRequirements,
-    shared: MemoryKind,
-    alone: MemoryKind,
+    [shared, alone]: [MemoryKind; 2],
+    query: impl FnOnce(&mut vk::MemoryRequirements2),
 ) -> Requirements {
+    let mut dedicated = vk::MemoryDedicatedRequirements::default();
+    let mut answer = vk::MemoryRequirements2::default().push_next(&mut dedicated);
+    query(&mut answer);
+    let vk::MemoryRequirements { size, alignment, memory_type_bits: types } = answer.memory_requirements;
     let must_be_alone = dedicated.requires_dedicated_allocation == vk::TRUE;
-    Requirements {
-        size: answer.size,
-        alignment: answer.alignment,
-        types: answer.memory_type_bits,
-        kind: if must_be_alone { alone } else { shared },
-    }
+    Requirements { size, alignment, types, kind: if must_be_alone { alone } else { shared } }
 }
