@@ -7,21 +7,22 @@
 
 use super::barrier::{Barrier, Step};
 use super::needs;
-use super::state::{Inputs, SyncState};
+use super::state::SyncState;
 use splatgraph_framework::ir::Masks;
+use splatgraph_framework::plan::Plan;
 
 /// Number of frames to replay. After these, the state repeats.
 const FRAMES: usize = 3;
 
 /// Merges the barriers of two successive rounds, and removes the mask bits that are not needed. `None` if the merged
 /// barriers do not suffice.
-pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, inputs: &Inputs) -> Option<Vec<Step>> {
+pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, plan: &Plan) -> Option<Vec<Step>> {
     for (step, other) in steps.iter_mut().zip(other) {
         for barrier in other.barriers {
             join(&mut step.barriers, barrier);
         }
     }
-    if !holds(&steps, inputs) {
+    if !holds(&steps, plan) {
         return None;
     }
     for step in 0..steps.len() {
@@ -31,7 +32,7 @@ pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, inputs: &Inputs) 
             let fixed = if image.is_some() { masks.target() } else { Masks::default() };
             let least = needs::least(masks.without(fixed), |masks| {
                 steps[step].barriers[at].masks = masks.with(fixed);
-                holds(&steps, inputs)
+                holds(&steps, plan)
             });
             steps[step].barriers[at].masks = least.with(fixed);
         }
@@ -59,8 +60,8 @@ fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
     }
 }
 
-fn holds(steps: &[Step], inputs: &Inputs) -> bool {
-    let mut state = SyncState::new(inputs);
+fn holds(steps: &[Step], plan: &Plan) -> bool {
+    let mut state = SyncState::new(plan);
     (0..FRAMES).all(|_| {
         state.start_frame();
         steps.iter().all(|step| state.replay(step.pass, &step.barriers).is_empty())

@@ -30,7 +30,7 @@ use needs::Requirement;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::{Hazard, Masks, PassId};
 use splatgraph_framework::plan::{Plan, Transition};
-use state::{Inputs, SyncState};
+use state::SyncState;
 
 /// Maximum number of rounds of the walk before it is treated as cyclic.
 const MAX_ROUNDS: usize = 8;
@@ -48,7 +48,6 @@ pub fn barriers(plan: &Plan) -> Result<Barriers, BackendError> {
 }
 
 fn place(plan: &Plan) -> Option<Barriers> {
-    let inputs = Inputs::new(plan);
     let walk = |state: &mut SyncState, ids: &[PassId]| -> Vec<Step> {
         state.start_frame();
         let mut steps = Vec::with_capacity(ids.len());
@@ -56,10 +55,10 @@ fn place(plan: &Plan) -> Option<Barriers> {
         steps
     };
 
-    let mut start = SyncState::new(&inputs);
+    let mut start = SyncState::new(plan);
     let prologue = walk(&mut start, &plan.prologue);
 
-    let mut state = SyncState::new(&inputs);
+    let mut state = SyncState::new(plan);
     let mut frame = walk(&mut state, &plan.frame);
     let mut rounds = 0;
     loop {
@@ -68,7 +67,7 @@ fn place(plan: &Plan) -> Option<Barriers> {
             break;
         }
         if rounds == MAX_ROUNDS {
-            frame = fixpoint::fixpoint(frame, again, &inputs)?;
+            frame = fixpoint::fixpoint(frame, again, plan)?;
             break;
         }
         (frame, rounds) = (again, rounds + 1);
@@ -82,7 +81,7 @@ fn place(plan: &Plan) -> Option<Barriers> {
 /// Computes the call between the prologue and the first frame; `None` if no call suffices.
 fn handover(start: &SyncState, frame: &[Step]) -> Option<Vec<Barrier>> {
     let mut call = Handover { memory: Masks::default(), needs: Vec::new(), images: Vec::new() };
-    for change in start.inputs.plan.layout_changes.iter().filter(|change| change.handover) {
+    for change in start.plan.layout_changes_at(None) {
         let needs = start.change_needs(change, true);
         let masks = needs::least_source(&needs);
         call.images.push((change.transition(), masks, needs, change.before));

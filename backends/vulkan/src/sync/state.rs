@@ -6,33 +6,9 @@ use super::scopes::{Origin, Scopes, Time, with_later, write_access};
 use splatgraph_framework::ir::{Accesses, Hazard, Layout, Masks, PassId, ResourceId, Stages, Work};
 use splatgraph_framework::plan::{Dependency, LayoutChange, Plan, Transition};
 
-pub(super) struct Inputs<'a> {
-    pub plan: &'a Plan,
-    /// Layout changes before each pass, except the handover's.
-    changes: Vec<Vec<LayoutChange>>,
-}
-
-impl Inputs<'_> {
-    pub fn new(plan: &Plan) -> Inputs<'_> {
-        let mut changes = vec![Vec::new(); plan.passes.len()];
-        for change in plan.layout_changes.iter().filter(|change| !change.handover) {
-            changes[change.before.index()].push(*change);
-        }
-        Inputs { plan, changes }
-    }
-
-    fn changes(&self, pass: PassId) -> &[LayoutChange] {
-        &self.changes[pass.index()]
-    }
-
-    fn changes_layout(&self, pass: PassId, resource: ResourceId) -> bool {
-        self.changes(pass).iter().any(|change| change.image == resource)
-    }
-}
-
 #[derive(Clone)]
 pub(super) struct SyncState<'a> {
-    pub inputs: &'a Inputs<'a>,
+    pub plan: &'a Plan,
     scopes: Scopes,
     now: Time,
     frame_start: Time,
@@ -130,14 +106,14 @@ struct Change {
 }
 
 impl<'a> SyncState<'a> {
-    pub fn new(inputs: &'a Inputs<'a>) -> SyncState<'a> {
+    pub fn new(plan: &'a Plan) -> SyncState<'a> {
         SyncState {
-            inputs,
+            plan,
             scopes: Scopes::new(),
             now: 0,
             frame_start: 0,
-            ran: vec![0; inputs.plan.passes.len()],
-            changed: vec![None; inputs.plan.resources.len()],
+            ran: vec![0; plan.passes.len()],
+            changed: vec![None; plan.resources.len()],
             call: None,
             ahead: Vec::new(),
         }
@@ -151,7 +127,8 @@ impl<'a> SyncState<'a> {
     /// extended; otherwise, the step gets its own call.
     pub fn place(&mut self, id: PassId, steps: &mut Vec<Step>) {
         self.now += 2;
-        let changes: Vec<Change> = self.inputs.changes(id).iter().map(|change| self.change(change)).collect();
+        let changes = self.plan.layout_changes_at(Some(id));
+        let changes: Vec<Change> = changes.map(|change| self.change(change)).collect();
         let mut needs = self.needs(id, &self.scopes);
         let ahead = std::mem::take(&mut self.ahead);
         for next in ahead.iter().filter(|(at, _)| *at == steps.len()).map(|(_, next)| *next) {
@@ -169,7 +146,7 @@ impl<'a> SyncState<'a> {
             self.call = Some(call);
         }
         // A pass that may be omitted must not carry the barriers of others.
-        if matches!(self.inputs.plan.pass(id).work, Work::ClearHistory { .. }) {
+        if matches!(self.plan.pass(id).work, Work::ClearHistory { .. }) {
             self.call = None;
         }
         self.record(id);
@@ -214,7 +191,7 @@ impl<'a> SyncState<'a> {
     pub fn replay(&mut self, id: PassId, barriers: &[Barrier]) -> Vec<Requirement> {
         self.now += 2;
         let mut missing = Vec::new();
-        for change in self.inputs.changes(id) {
+        for change in self.plan.layout_changes_at(Some(id)) {
             let Some(barrier) = barriers.iter().find(|b| b.image.is_some_and(|t| t.image == change.image))
             else {
                 continue;
@@ -245,7 +222,7 @@ impl<'a> SyncState<'a> {
     fn change(&self, change: &LayoutChange) -> Change {
         let LayoutChange { image, old, before, .. } = *change;
         let mut target = Masks::default();
-        for touch in self.inputs.plan.pass(before).uses.iter().filter(|touch| touch.resource == image) {
+        for touch in self.plan.pass(before).uses.iter().filter(|touch| touch.resource == image) {
             target.target_stages |= touch.stages;
             target.target_accesses |= touch.accesses;
         }
@@ -269,7 +246,7 @@ impl<'a> SyncState<'a> {
         let LayoutChange { image, before, .. } = *change;
         let to = (Stages::empty(), Accesses::empty());
         let mut needs = Vec::new();
-        let dependencies = self.inputs.plan.dependencies_of(before).iter();
+        let dependencies = self.plan.dependencies_of(before).iter();
         for dependency in dependencies.filter(|d| d.changes_layout && d.resource == image) {
             let Some(time) = self.time(dependency) else { continue };
             if !dependency.masks.source_accesses.writes() {
@@ -306,11 +283,11 @@ impl<'a> SyncState<'a> {
 
     /// Lists the requirements of a pass that `scopes` does not meet, except those of its layout changes.
     fn needs(&self, id: PassId, scopes: &Scopes) -> Vec<Requirement> {
+        let changes: Vec<ResourceId> =
+            self.plan.layout_changes_at(Some(id)).map(|change| change.image).collect();
         let mut needs = Vec::new();
-        for dependency in self.inputs.plan.dependencies_of(id) {
-            if dependency.hazard == Hazard::LayoutChange
-                || self.inputs.changes_layout(id, dependency.resource)
-            {
+        for dependency in self.plan.dependencies_of(id) {
+            if dependency.hazard == Hazard::LayoutChange || changes.contains(&dependency.resource) {
                 continue;
             }
             let Some(time) = self.time(dependency) else { continue };
@@ -326,9 +303,9 @@ impl<'a> SyncState<'a> {
                 }
             }
         }
-        for touch in &self.inputs.plan.pass(id).uses {
+        for touch in &self.plan.pass(id).uses {
             let Some(changed) = self.changed[touch.resource.index()] else { continue };
-            if self.inputs.changes_layout(id, touch.resource) {
+            if changes.contains(&touch.resource) {
                 continue;
             }
             let both =
@@ -393,7 +370,7 @@ impl<'a> SyncState<'a> {
         scopes: &Scopes,
         needs: &mut Vec<Requirement>,
     ) {
-        let dispatch = matches!(self.inputs.plan.pass(dependency.first).work, Work::Dispatch { .. });
+        let dispatch = matches!(self.plan.pass(dependency.first).work, Work::Dispatch { .. });
         let reason = self.reason(dependency, Hazard::WriteAfterRead, time);
         for from in dependency.masks.source_stages.iter() {
             let origin = Origin::new(from, dispatch);
@@ -432,7 +409,7 @@ impl<'a> SyncState<'a> {
 
     fn record(&mut self, id: PassId) {
         self.ran[id.index()] = self.now;
-        for touch in &self.inputs.plan.pass(id).uses {
+        for touch in &self.plan.pass(id).uses {
             let changed = &mut self.changed[touch.resource.index()];
             if touch.accesses.writes() {
                 *changed = None;
