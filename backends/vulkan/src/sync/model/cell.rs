@@ -94,6 +94,11 @@ impl Read {
         }
         self.ordered != ordered
     }
+
+    /// Returns the conflict with a write that does not wait for this read.
+    pub fn overtaken(&self) -> Conflict {
+        (ViolationKind::WriteAfterRead, self.actor, self.resource, Missing::Order)
+    }
 }
 
 /// A write of one kind at one stage, a layout change, or a write of the host.
@@ -205,18 +210,12 @@ impl Cell {
             || self.writes.iter().any(|write| write.clone().pass_through(scopes))
     }
 
-    pub fn check_read(
-        &self,
-        stage: Stages,
-        access: Accesses,
-        through: ResourceId,
-        mut conflict: impl FnMut(Conflict),
-    ) {
-        for write in &self.writes {
-            if let Some(missing) = write.lacks(stage, access, through) {
-                conflict((ViolationKind::ReadAfterWrite, write.actor, write.resource, missing));
-            }
-        }
+    pub fn check_read(&self, stage: Stages, access: Accesses, through: ResourceId) -> Vec<Conflict> {
+        let conflict = |write: &Write| {
+            let missing = write.lacks(stage, access, through)?;
+            Some((ViolationKind::ReadAfterWrite, write.actor, write.resource, missing))
+        };
+        self.writes.iter().filter_map(conflict).collect()
     }
 
     pub fn check_write(
@@ -225,49 +224,34 @@ impl Cell {
         access: Accesses,
         through: ResourceId,
         rules: Rules,
-        mut conflict: impl FnMut(Conflict),
-    ) {
-        for read in &self.reads {
-            if !read.ordered.contains(stage) {
-                conflict((ViolationKind::WriteAfterRead, read.actor, read.resource, Missing::Order));
-            }
-        }
-        for write in &self.writes {
+    ) -> Vec<Conflict> {
+        let overtaken = self.reads.iter().filter(|read| !read.ordered.contains(stage));
+        let overwritten = |write: &Write| {
             // A stage that read the older write made its data visible to every stage that waits for the read.
             let settled =
                 self.reads.iter().any(|read| read.time > write.time && read.ordered.contains(stage));
-            match write.lacks(stage, access, through) {
-                Some(Missing::Visibility(..)) if settled => {}
-                Some(Missing::Visibility(..)) if !rules.writes_see_writes && write.chain.contains(stage) => {}
-                Some(Missing::Visibility(..)) if !rules.writes_see_writes => {
-                    let missing = Missing::Availability;
-                    conflict((ViolationKind::WriteAfterWrite, write.actor, write.resource, missing));
+            let missing = match write.lacks(stage, access, through)? {
+                Missing::Visibility(..) if settled => return None,
+                Missing::Visibility(..) if !rules.writes_see_writes => {
+                    if write.chain.contains(stage) {
+                        return None;
+                    }
+                    Missing::Availability
                 }
-                Some(missing) => {
-                    conflict((ViolationKind::WriteAfterWrite, write.actor, write.resource, missing))
-                }
-                None => {}
-            }
-        }
+                missing => missing,
+            };
+            Some((ViolationKind::WriteAfterWrite, write.actor, write.resource, missing))
+        };
+        overtaken.map(Read::overtaken).chain(self.writes.iter().filter_map(overwritten)).collect()
     }
 
     /// Checks a layout change, which happens between the barrier's source and target, and sees all available data.
     ///
     /// The change need not name a write of the prologue: the same barrier is recorded in every frame, and only the
     /// first frame follows the prologue.
-    pub fn check_transition(
-        &self,
-        scope: &Scope,
-        rules: Rules,
-        when: When,
-        mut conflict: impl FnMut(Conflict),
-    ) {
-        for read in &self.reads {
-            if !scope.waits_for(read.named_by, read.ordered) {
-                conflict((ViolationKind::WriteAfterRead, read.actor, read.resource, Missing::Order));
-            }
-        }
-        for write in &self.writes {
+    pub fn check_transition(&self, scope: &Scope, rules: Rules, when: When) -> Vec<Conflict> {
+        let overtaken = self.reads.iter().filter(|read| !scope.waits_for(read.named_by, read.ordered));
+        let overwritten = |write: &Write| {
             let of_prologue = matches!(when, When::Frame(_)) && write.actor.when == When::Prologue;
             let must_be_named = rules.changes_name_writes
                 && !write.stage.is_empty()
@@ -278,10 +262,11 @@ impl Cell {
             } else if !scope.finds_available(write) || (must_be_named && !scope.names(write)) {
                 Missing::Availability
             } else {
-                continue;
+                return None;
             };
-            conflict((ViolationKind::WriteAfterWrite, write.actor, write.resource, missing));
-        }
+            Some((ViolationKind::WriteAfterWrite, write.actor, write.resource, missing))
+        };
+        overtaken.map(Read::overtaken).chain(self.writes.iter().filter_map(overwritten)).collect()
     }
 
     /// Records a write. It replaces older records, except those of the same pass.

@@ -256,9 +256,7 @@ impl<'a> MemoryState<'a> {
                 let host = Actor { when: When::Frame(frame), what: What::Host };
                 let resource = ResourceId(index as u32);
                 let running = cell.reads.iter().filter(|read| !finished(read.actor));
-                let overtaken: Vec<Conflict> = running
-                    .map(|read| (ViolationKind::WriteAfterRead, read.actor, read.resource, Missing::Order))
-                    .collect();
+                let overtaken: Vec<Conflict> = running.map(Read::overtaken).collect();
                 cell.record_write(Write {
                     actor: host,
                     resource,
@@ -333,11 +331,8 @@ impl<'a> MemoryState<'a> {
 
     fn check_transition(&mut self, scope: &Scope, image: Transition, actor: Actor) {
         for number in self.trace.resource(image.image).cells(0) {
-            let mut conflicts = Vec::new();
             let rules = self.rules;
-            self.cell(number).check_transition(scope, rules, actor.when, |conflict| {
-                conflicts.push(conflict);
-            });
+            let conflicts = self.cell(number).check_transition(scope, rules, actor.when);
             self.conflict(conflicts, actor, image.image, number);
         }
     }
@@ -447,13 +442,12 @@ impl<'a> MemoryState<'a> {
         let fresh = self.trace.resource(resource).fresh.then_some(actor.when);
         let rules = self.rules;
         for number in access.cells(copy) {
-            let mut conflicts = Vec::new();
             let cell = self.cell(number);
-            if access.writes() {
-                cell.check_write(stage, bit, resource, rules, |conflict| conflicts.push(conflict));
+            let conflicts = if access.writes() {
+                cell.check_write(stage, bit, resource, rules)
             } else {
-                cell.check_read(stage, bit, resource, |conflict| conflicts.push(conflict));
-            }
+                cell.check_read(stage, bit, resource)
+            };
             let contents = cell.contents;
             self.conflict(conflicts, actor, resource, number);
             if needs_contents && !contents.hold(resource, fresh) {
