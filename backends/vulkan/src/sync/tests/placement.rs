@@ -102,8 +102,7 @@ fn a_second_stage_that_reads_is_made_to_see_without_flushing_again() {
     let plan = solved(&[
         dispatch("make", "make.comp", r#""Out": "a""#),
         dispatch("copy", "copy.comp", r#""In": "a", "Out": "b""#),
-        r#"Draw(name: "draw", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
-            bind: {"In": "a"}, targets: [Target(image: "color", load: Clear(0, 0, 0, 0), blend: PremultipliedOver)]),"#.into(),
+        draw("draw", "Clear(0, 0, 0, 0)"),
         dispatch("filter", "filter.comp", r#""Color": "color", "Image": "image""#),
         dispatch("show", "mix.comp", r#""In": "b", "Image": "image""#),
     ]);
@@ -138,8 +137,7 @@ fn a_pass_that_runs_once_is_in_the_prologue_and_the_first_frame_sees_what_it_wro
 fn a_cleared_image_is_not_kept_and_a_drawn_one_is_read_in_the_layout_of_its_reader() {
     let plan = solved(&[
         dispatch("make", "make.comp", r#""Out": "a""#),
-        r#"Draw(name: "draw", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
-            bind: {"In": "a"}, targets: [Target(image: "color", load: Clear(0, 0, 0, 0), blend: PremultipliedOver)]),"#.into(),
+        draw("draw", "Clear(0, 0, 0, 0)"),
         dispatch("filter", "filter.comp", r#""Color": "color", "Image": "image""#),
     ]);
     assert_before(

@@ -27,14 +27,6 @@ fn to_copy(source: (Stages, Accesses)) -> Barrier {
 }
 
 #[test]
-fn an_image_starts_in_no_layout() {
-    let mut sketch = Sketch::new();
-    let image = sketch.image("image");
-    sketch.frame("first", &[], &[in_general(image, WRITE)]);
-    assert_eq!(sketch.found(), ["Layout: none, first: image: General, not Undefined"]);
-}
-
-#[test]
 fn a_change_of_layout_brings_order_and_memory_with_it() {
     assert_eq!(written_then_copied(&[to_copy((COMPUTE, WRITE))]), NOTHING);
 }
@@ -55,7 +47,7 @@ fn a_change_from_a_layout_that_the_image_is_not_in_is_objected_to() {
 }
 
 #[test]
-fn a_wrong_layout_is_told_where_it_is_first_met() {
+fn an_image_starts_in_no_layout_and_a_wrong_one_is_told_where_it_is_first_met() {
     let mut sketch = Sketch::new();
     let image = sketch.image("image");
     sketch.frame("first", &[], &[in_general(image, WRITE)]);
