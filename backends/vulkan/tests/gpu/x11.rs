@@ -80,20 +80,16 @@ impl Window {
     /// Panics after [`PATIENCE`], or if the window has another number of pixels.
     pub fn expect(&self, expected: &[[u8; 3]], off: u8) {
         let close = |a: &[u8; 3], b: &[u8; 3]| a.iter().zip(b).all(|(a, b)| a.abs_diff(*b) <= off);
-        let mut shown = self.pixels();
         let start = Instant::now();
-        while shown.len() == expected.len() && start.elapsed() < PATIENCE {
+        loop {
+            let shown = self.pixels();
+            assert_eq!(shown.len(), expected.len());
             let wrong = shown.iter().zip(expected).position(|(shown, expected)| !close(shown, expected));
-            if wrong.is_none() {
-                return;
+            let Some(pixel) = wrong else { return };
+            if start.elapsed() >= PATIENCE {
+                panic!("pixel {pixel} of the window is {:?}, and not {:?}", shown[pixel], expected[pixel]);
             }
             std::thread::sleep(Duration::from_millis(5));
-            shown = self.pixels();
-        }
-        assert_eq!(shown.len(), expected.len());
-        let wrong = shown.iter().zip(expected).position(|(shown, expected)| !close(shown, expected));
-        if let Some(pixel) = wrong {
-            panic!("pixel {pixel} of the window is {:?}, and not {:?}", shown[pixel], expected[pixel]);
         }
     }
 }

@@ -2,25 +2,13 @@
 
 use super::*;
 
-fn two(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, ResourceId)) -> Case {
-    let mut build = Build::new();
-    let words = build.words("words", 4);
-    first(&mut build, "first", words);
-    second(&mut build, "second", words);
-    case(build)
-}
-
-fn aliased(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, ResourceId)) -> Case {
+fn aliased(first: Action, second: Action) -> Case {
     let mut build = Build::new();
     let aliases = [build.words("alias", 4), build.words("other alias", 4)];
     build.share(&aliases);
     first(&mut build, "first", aliases[0]);
     second(&mut build, "second", aliases[1]);
     case(build)
-}
-
-fn fills(build: &mut Build, name: &str, buffer: ResourceId) {
-    build.fill(Run::Frame, name, buffer, 1);
 }
 
 fn indirect() -> Case {

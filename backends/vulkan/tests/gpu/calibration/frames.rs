@@ -22,23 +22,6 @@ fn caught_between_submissions(
     }
 }
 
-/// Returns a case with two successive passes on one buffer, repeated every frame, with only this barrier between them.
-fn two(
-    first: fn(&mut Build, &str, ResourceId),
-    second: fn(&mut Build, &str, ResourceId),
-    (source, target): (Side, Side),
-) -> Case {
-    let mut build = Build::new();
-    let words = build.words("words", 4);
-    first(&mut build, "first", words);
-    second(&mut build, "second", words);
-    case(build).between("second", source, target)
-}
-
-fn fills(build: &mut Build, name: &str, buffer: ResourceId) {
-    build.fill(Run::Frame, name, buffer, 1);
-}
-
 fn statistic() -> Case {
     let mut build = Build::new();
     let words = build.words("words", 4);
@@ -49,8 +32,8 @@ fn statistic() -> Case {
 
 #[test]
 fn read_after_write_across_frames() {
-    let order = (stage(Stages::COMPUTE), stage(Stages::COMPUTE));
-    let case = || two(Build::reads, Build::writes, order);
+    let order = stage(Stages::COMPUTE);
+    let case = || two(Build::reads, Build::writes).between("second", order, order);
     let test = "read_after_write_across_frames";
     caught_between_submissions(test, case, removed("first"), RAW);
 }
@@ -58,8 +41,9 @@ fn read_after_write_across_frames() {
 #[test]
 fn a_missing_access_across_frames() {
     let case = || {
-        let order = (stage(Stages::COMPUTE), stage(Stages::COMPUTE));
-        two(Build::reads, Build::writes, order).between("first", COMPUTE_WRITES, (Stages::COMPUTE, BOTH))
+        let order = stage(Stages::COMPUTE);
+        let case = two(Build::reads, Build::writes).between("second", order, order);
+        case.between("first", COMPUTE_WRITES, COMPUTE_DOES_BOTH)
     };
     let test = "a_missing_access_across_frames";
     caught_between_submissions(test, case, cleared("first", access(WRITE), NOTHING), RAW);
@@ -67,13 +51,13 @@ fn a_missing_access_across_frames() {
 
 #[test]
 fn write_after_read_across_frames() {
-    let case = || two(Build::writes, Build::reads, (COMPUTE_WRITES, COMPUTE_READS));
+    let case = || two(Build::writes, Build::reads).between("second", COMPUTE_WRITES, COMPUTE_READS);
     caught_between_submissions("write_after_read_across_frames", case, removed("first"), WAR);
 }
 
 #[test]
 fn write_after_write_of_a_fill_across_frames() {
-    let case = || two(fills, Build::changes, (FILLS, COMPUTE_DOES_BOTH));
+    let case = || two(fills, Build::changes).between("second", FILLS, COMPUTE_DOES_BOTH);
     let test = "write_after_write_of_a_fill_across_frames";
     caught_between_submissions(test, case, removed("first"), WAW);
 }

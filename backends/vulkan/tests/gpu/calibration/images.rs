@@ -47,7 +47,7 @@ void main() { sink = imageLoad(image, ivec2(0)); }",
 const CLEARED: Load = Load::Clear(0.0, 0.0, 0.0, 0.0);
 
 /// Returns a case with two dispatches on one image that stays in its layout.
-fn two(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, ResourceId)) -> Case {
+fn two_on_an_image(first: Action, second: Action) -> Case {
     let mut build = Build::new();
     let image = build.picture();
     first(&mut build, "first", image);
@@ -88,7 +88,7 @@ fn transition<'a>(case: &'a mut Case, pass: &str) -> &'a mut Transition {
 
 #[test]
 fn read_after_write_between_dispatches_through_an_image_is_caught() {
-    let exact = two(Build::writes_image, Build::reads_image);
+    let exact = two_on_an_image(Build::writes_image, Build::reads_image);
     let exact = exact.between("second", COMPUTE_WRITES, COMPUTE_READS);
     exact.caught(removed("second"), RAW);
     exact.caught(cleared("second", access(WRITE), NOTHING), RAW);
@@ -97,12 +97,12 @@ fn read_after_write_between_dispatches_through_an_image_is_caught() {
 
 #[test]
 fn write_after_read_between_dispatches_through_an_image_is_caught() {
-    two(Build::reads_image, Build::writes_image).caught(removed("second"), WAR);
+    two_on_an_image(Build::reads_image, Build::writes_image).caught(removed("second"), WAR);
 }
 
 #[test]
 fn write_after_write_between_dispatches_through_an_image_is_not_seen() {
-    two(Build::writes_image, Build::writes_image).not_seen(removed("second"));
+    two_on_an_image(Build::writes_image, Build::writes_image).not_seen(removed("second"));
 }
 
 #[test]

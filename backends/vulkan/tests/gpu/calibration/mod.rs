@@ -108,6 +108,22 @@ impl Case {
     }
 }
 
+/// Adds a pass with this name that accesses a resource.
+type Action = fn(&mut Build, &str, ResourceId);
+
+/// Returns a case with two successive passes on one buffer.
+fn two(first: Action, second: Action) -> Case {
+    let mut build = Build::new();
+    let words = build.words("words", 4);
+    first(&mut build, "first", words);
+    second(&mut build, "second", words);
+    case(build)
+}
+
+fn fills(build: &mut Build, name: &str, buffer: ResourceId) {
+    build.fill(Run::Frame, name, buffer, 1);
+}
+
 fn removed(pass: &'static str) -> impl FnOnce(&mut Case) {
     move |case| case.before(pass).clear()
 }
