@@ -36,7 +36,6 @@ mod testing;
 
 pub use gpu::VulkanGpu;
 pub use splatgraph_api::{DeviceMemory, Options, Validation};
-pub use splatgraph_runtime::abandoned_compilers;
 
 /// An open Vulkan device and the plan that it executes.
 pub type Vulkan = splatgraph_runtime::Executor<VulkanGpu>;
