@@ -2,14 +2,14 @@
 //! accepts.
 //!
 //! The part of the backend that calls Metal follows the walk, one call per move. These tests walk a few frames of every
-//! graph, rebuild the encoders from the moves, and compare them with the lowered ones.
+//! built-in graph, rebuild the encoders from the moves, and compare them with the lowered ones.
 
 use crate::encoders::plans;
 use splatgraph_framework::ir::PassId;
 use splatgraph_metal::sync::{Division, EncodedPass, Encoders, Encoding};
 use splatgraph_metal::walk::{Move, Walk, Walked};
 
-/// Walks a frame and submits it.
+/// Walks a frame of `passes` and marks it as submitted.
 ///
 /// Returns its encoders, and the number of encoders before the prologue was handed over; `None` if it was not.
 fn walked_frame(walked: &mut Walked, passes: &[PassId], timed: bool) -> (Vec<Encoding>, Option<usize>) {
@@ -51,7 +51,8 @@ fn walked_frame(walked: &mut Walked, passes: &[PassId], timed: bool) -> (Vec<Enc
     (found, handover)
 }
 
-/// Returns the encoders without waits for fences that no earlier encoder has updated. Marks their updates in `updated`.
+/// Returns the encoders without waits for fences that were not updated before. `updated` has a flag per fence, which is
+/// kept from frame to frame.
 fn expected(encodings: &[Encoding], updated: &mut [bool]) -> Vec<Encoding> {
     let mut all = encodings.to_vec();
     for encoding in &mut all {

@@ -325,7 +325,7 @@ pub struct Cause<P = PassId, R = ResourceId> {
     pub before: P,
     /// The resource that the waiting pass accesses.
     pub resource: R,
-    /// The passes to wait for. Empty if an image was never accessed.
+    /// The passes to wait for. Empty if the image of a layout change was never accessed.
     pub after: Vec<P>,
     /// True if the passes of `after` ran one frame before the pass `before`.
     pub previous_frame: bool,

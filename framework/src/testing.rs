@@ -125,7 +125,8 @@ impl ShaderCompiler for ListCompiler {
     }
 }
 
-/// Returns the facts of a scene of 1000 splats, a viewport of 64 x 32 and a device.
+/// Returns the facts of a scene of 1000 splats, a viewport of 64 x 32, and a device of 8 lanes whose workgroups are not
+/// limited.
 pub fn facts() -> Facts {
     let ints =
         [("scene.count", 1000), ("scene.sh_degree", 2), ("viewport.width", 64), ("viewport.height", 32)];
@@ -160,7 +161,7 @@ pub fn plan_of(files: &[(&str, &str)], set: &[(&str, &str)]) -> Plan {
     try_plan_of(files, set).unwrap_or_else(|errors| panic!("{errors}"))
 }
 
-/// Builds a plan from the text of a graph that uses [`SHADERS`].
+/// Builds a plan from the text of a graph that uses [`SHADERS`]; panics on errors.
 pub fn plan(graph: &str, set: &[(&str, &str)]) -> Plan {
     plan_of(&[("graph.ron", graph)], set)
 }

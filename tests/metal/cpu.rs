@@ -96,8 +96,8 @@ impl<'a> Cpu<'a> {
         u32::from_le_bytes(bytes)
     }
 
-    /// Runs a pass, with threads in reverse order if `reversed`. Returns false if it is a draw, which is skipped. Export
-    /// and host passes do nothing.
+    /// Runs a pass, with threads in reverse order if `reversed`. Returns false if it is a draw, which is skipped.
+    /// Export and host passes do nothing.
     pub fn run(&mut self, pass: PassId, reversed: bool) -> Result<bool, String> {
         let plan = self.plan;
         let pass = plan.pass(pass);

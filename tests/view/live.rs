@@ -28,7 +28,7 @@ fn next_plan(viewer: &mut TestShell) -> Event {
     viewer.event("a new plan of A", |event| matches!(event, Event::Swapped { renderer: RendererId::A, .. }))
 }
 
-/// Waits for the next error; returns its text.
+/// Draws frames until the next error; returns its text.
 fn next_failure(viewer: &mut TestShell) -> String {
     match viewer.event("a mistake", |event| matches!(event, Event::Failed { .. })) {
         Event::Failed { text, .. } => text,

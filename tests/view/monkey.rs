@@ -81,8 +81,8 @@ impl Monkey {
         self.frame();
     }
 
-    /// Performs a random action. An action that only looks must change no setting; unchecked while something is built or
-    /// typed.
+    /// Performs a random action. An action that only looks must change no setting; unchecked while something is built
+    /// or typed.
     fn something(&mut self) {
         let looks = self.dice.below(2) == 0;
         // While a number is being typed, a click elsewhere commits it, which changes a setting.

@@ -202,7 +202,7 @@ impl std::fmt::Display for Soak {
 }
 
 impl Soak {
-    /// Opens a viewer and waits until it shows something.
+    /// Opens a viewer and draws frames until nothing is being built.
     fn begin() -> Soak {
         let bare = std::env::var_os("SPLATGRAPH_SOAK_BARE").is_some();
         let validation = if bare { Validation::Off } else { Validation::Synchronization };
@@ -260,14 +260,15 @@ impl Soak {
         }
     }
 
-    /// Returns the number of due frames that were not drawn.
+    /// Waits for frames in flight; returns the number of due frames of A, B and the window that were not drawn.
     fn lost(&mut self) -> u64 {
         let drawn = self.viewer.drawn();
         assert!(drawn <= self.viewer.due, "{drawn} frames were drawn, and {} were due", self.viewer.due);
         self.viewer.due - drawn + self.viewer.undrawn_windows
     }
 
-    /// Restores the reference state at the end of cycle `cycle`.
+    /// Draws frames until the planned input was delivered and the reference state is restored. `cycle` must differ in
+    /// every call.
     fn restore(&mut self, cycle: u64) {
         let input_is_over = |viewer: &mut TestShell| viewer.input.is_empty();
         self.viewer.until("the end of the input", input_is_over);
@@ -311,7 +312,9 @@ impl Soak {
         self.note();
     }
 
-    /// Measures the reference state, and compares its pictures with the first ones.
+    /// Measures the reference state. Fails if a frame was lost, or if a picture differs from that of the first call.
+    ///
+    /// Afterwards the panels and the display of times are shown again.
     fn reference(&mut self) -> Reference {
         assert_eq!(self.lost(), 0, "frames were lost");
         self.viewer.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));

@@ -42,13 +42,13 @@ fn view(viewer: &TestShell) -> Rect {
     viewer.shell.panels.controls.find("view").expect("there is a picture")
 }
 
-/// Returns a point of the picture, given as shares of its width and height.
+/// Returns the place in the window, in points, of a point given as shares of the picture's width and height.
 fn at(viewer: &TestShell, [x, y]: [f32; 2]) -> Pos2 {
     let view = view(viewer);
     view.min + Vec2::new(x * view.width(), y * view.height())
 }
 
-/// Drags the left button over these points of the picture, with modifiers.
+/// Drags the left button over points given as shares of the picture, with modifiers, and waits for all building.
 fn drag(viewer: &mut TestShell, shares: &[[f32; 2]], modifiers: Modifiers) {
     let points: Vec<Pos2> = shares.iter().map(|share| at(viewer, *share)).collect();
     viewer.plan([Input::ModifiersChanged(modifiers)]);

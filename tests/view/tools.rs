@@ -28,7 +28,7 @@ fn choose(viewer: &mut TestShell, who: RendererId, graph: &str) {
     viewport.renderer.choose(&path, Default::default());
 }
 
-/// Draws frames until nothing is being built and the plan's times are measured.
+/// Draws frames until nothing is being built and times of A's plan are measured.
 fn until_measured(viewer: &mut TestShell) {
     viewer.settle();
     viewer.until("times of the plan", |viewer| {

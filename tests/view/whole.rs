@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 /// Time limit of every wait, generous for slow machines.
 pub const PATIENCE: Duration = Duration::from_secs(120);
 
-/// Interval between frames while nothing is new.
+/// Longest wait between frames while other threads report nothing.
 const REST: Duration = Duration::from_millis(20);
 
 /// Few pixels per point: panels have as much room as on a display, and a frame is cheap.
@@ -121,7 +121,7 @@ impl TestShell {
         }
     }
 
-    /// Closes the viewer; fails on validation messages.
+    /// Closes the viewer; fails on validation messages and if a device is lost.
     pub fn close(mut self) {
         self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         let devices = self.shell.into_devices();
@@ -188,7 +188,8 @@ impl TestShell {
         self.act();
     }
 
-    /// Draws a frame and collects its events.
+    /// Draws a frame with the next planned input, and collects its events. Fails on validation messages, and if a
+    /// device is lost or a renderer cannot draw.
     pub fn frame(&mut self) {
         self.draw(false);
     }
@@ -240,7 +241,8 @@ impl TestShell {
         self.shell.viewer.viewports().map(|viewport| viewport.history.frames()).sum()
     }
 
-    /// Draws frames until `is_so`. Between frames, waits up to [`REST`] for news from other threads.
+    /// Draws frames until `is_so`; fails after [`PATIENCE`]. Between frames, waits up to [`REST`] for news from other
+    /// threads.
     pub fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut TestShell) -> bool) {
         let begun = Instant::now();
         loop {
@@ -277,7 +279,7 @@ impl TestShell {
         shell.viewer.busy() || shell.window().busy() || shell.window().size() != self.size
     }
 
-    /// Restores all shipped files, and draws frames until every plan shown is built from them.
+    /// Restores all shipped files, and draws frames until every plan shown, and the window's, is built from them.
     ///
     /// All viewports must show `splat`. Its file and the window's are written last, with `number` before their
     /// summaries: a plan whose summary begins with the number of this call was built from the restored files.
@@ -304,7 +306,7 @@ impl TestShell {
         self.settle();
     }
 
-    /// Draws a frame; returns the picture of a viewport.
+    /// Draws a frame and waits for it; returns the picture of a viewport, which must exist.
     pub fn picture(&mut self, who: RendererId) -> Image {
         self.shell.viewer.viewport(who).expect("there is such a viewport").want_picture();
         self.frame();

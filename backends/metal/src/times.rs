@@ -63,8 +63,8 @@ impl FrameTimes {
     /// Returns the first `count` timestamps of the frame, in nanoseconds. `samples` are the values of as many samples
     /// as [`samples`](FrameTimes::samples) returned: none until the frame has completed.
     ///
-    /// A timestamp is `None` if Metal reports no time of the frame, if the sample was not taken or failed, or if its
-    /// pair of samples ends before it starts.
+    /// The two timestamps of the frame are `None` if Metal reports none; the others are then not shifted. A pass's
+    /// timestamp is `None` if its sample was not taken or failed, or if the pass's pair ends before it starts.
     pub fn timestamps(&self, samples: &[u64], count: u32) -> Vec<Option<u64>> {
         let ticks = |sample: usize| {
             let taken = self.taken.get(sample).is_some_and(|&taken| taken);

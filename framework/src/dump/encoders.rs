@@ -85,7 +85,7 @@ fn write_encoders(
     })
 }
 
-/// Formats the barriers of one call: `barriers 28 on all memory, 29 on image color`.
+/// Formats the barriers of one call: `barriers 28 on all memory, 29 on image color`. Empty if there are none.
 fn plan_barriers(barriers: &[DumpBarrier]) -> String {
     let one = |barrier: &DumpBarrier| match &barrier.image {
         Some(change) => format!("{} on image {}", barrier.id, change.image),

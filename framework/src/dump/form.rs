@@ -454,8 +454,10 @@ impl Dump {
         (self, found)
     }
 
-    /// Adds and numbers the barriers of an API. `calls` has one list per pass, in execution order, and the handover's
-    /// list between those of the prologue and those of the frame.
+    /// Adds and numbers the barriers of an API; the dump must have none yet.
+    ///
+    /// `calls` has one list per pass, in execution order, and the handover's list between those of the prologue and
+    /// those of the frame.
     pub fn with_barriers(mut self, calls: impl IntoIterator<Item = Vec<DumpBarrier>>) -> Dump {
         let Dump { passes, totals, handover, .. } = &mut self;
         let (mut calls, mut next) = (calls.into_iter(), 1);

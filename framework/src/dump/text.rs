@@ -191,7 +191,7 @@ fn when(since: Since) -> &'static str {
     }
 }
 
-/// Formats the resource of a dependency: `color in the memory of depth`.
+/// Formats the resource of a dependency: `color`, or `color in the memory of depth` for an alias.
 fn subject_of(dependency: &Dependency<Declared, Declared>) -> String {
     let alias = dependency.alias.as_ref().map(|alias| format!(" in the memory of {}", alias.name));
     format!("{}{}", dependency.resource.name, alias.unwrap_or_default())

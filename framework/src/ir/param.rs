@@ -106,9 +106,9 @@ pub type ParamSet = BTreeSet<usize>;
 /// of `?:`, a short-circuited operand) do not count, and neither does code that was not compiled (an untaken branch of
 /// an `#if`, a pass whose `when` is false).
 ///
-/// If only a parameter without an effect changes, to any value with which the graph builds, then the plan and the bytes
-/// that shaders read stay the same. A condition that reads the parameter counts as an effect, even if it has the same
-/// result for all values.
+/// If only a parameter without an effect changes, to any value with which the graph builds, then the passes, their
+/// resources and the bytes that shaders read stay the same. A condition that reads the parameter counts as an effect,
+/// even if it has the same result for all values.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Effect {
     /// The passes that depend on the parameter, in the plan's order.

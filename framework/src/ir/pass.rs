@@ -116,7 +116,7 @@ pub enum Work<S = ShaderId, G = Groups> {
     /// Zeroes a resource with a history, in the prologue, so that the first frame reads zeros.
     ///
     /// If the resource inherits the history of an earlier plan, the backend omits this pass and the barrier on its
-    /// image, and transitions the image to the layout that the pass would have left. Its other barriers remain.
+    /// image, and transitions the image to the layout that the pass would have left. The pass's other barriers remain.
     ClearHistory {
         /// The buffer or image to zero.
         resource: ResourceId,
@@ -143,8 +143,8 @@ impl<S, G> Work<S, G> {
 pub enum Groups {
     /// Workgroup counts in x, y, z, within the device's limits.
     ///
-    /// If a graph gives one dimension, a count beyond the limit in x is folded into y. Shaders compute their index as
-    /// `gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x` and ignore indices beyond the end.
+    /// If a graph gives one dimension, a count beyond the limit in x is folded into y. The shader then computes its
+    /// index as `gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x` and ignores indices beyond the end.
     Direct([u32; 3]),
     /// Workgroup counts in x, y and z, read by the GPU from three consecutive 32-bit words.
     Indirect {

@@ -28,7 +28,7 @@ use spirv_cross2::{Compiler, Module};
 use crate::ir::{Msl, MslArgument, ReflectedKind, Reflection, Shader, ShaderStage, Value};
 use crate::plan::Plan;
 
-/// Version of the Metal Shading Language, major and minor.
+/// Version of the Metal Shading Language that translated shaders need, major and minor.
 pub const VERSION: (u32, u32) = (2, 4);
 
 /// A shader that cannot be translated to Metal's language.

@@ -234,7 +234,8 @@ impl Walk<'_> {
         }
     }
 
-    /// Adds a dependency on an access to a cell, or adds the cell to a known dependency.
+    /// Adds a dependency on an access to a cell, or adds the cell to a known dependency. Skips pairs that another part
+    /// of the walk finds, too.
     #[expect(clippy::too_many_arguments)]
     fn add(
         &self,

@@ -31,7 +31,7 @@ pub(super) struct Order {
 type Needs = DiGraph<usize, ResourceId>;
 
 /// Orders the passes, and finds those that the results need. The last passes of the list, the export and the host
-/// pass, are the roots of this search.
+/// pass, are the roots of this search. Fails on reads that nothing can satisfy, and on cycles.
 pub(super) fn order(passes: &[LinkedPass], lowered: &Lowered) -> Result<Order, Vec<Diagnostic>> {
     let mut errors = Vec::new();
     let users = users(passes, lowered.plan.resources.len());

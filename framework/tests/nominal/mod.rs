@@ -27,7 +27,8 @@ pub fn facts(count: u32, (width, height): (u32, u32)) -> Facts {
     Facts { device: DeviceFacts::typical(32), host }
 }
 
-/// Returns the importable data of a scene of `count` splats without a mesh: attributes of both, and the camera.
+/// Returns the importable data of a scene of `count` splats without a mesh: attributes of splats and mesh, and the
+/// camera.
 pub fn catalog(count: u32) -> Catalog {
     let attributes = [
         ("position", 12, 1),

@@ -224,7 +224,9 @@ impl Soak {
         self.edit(name, text);
     }
 
-    /// Sets a parameter of the plan, if it has any, to a random value, or sometimes to its default.
+    /// Sets a live parameter, or else a constant, to a random value or sometimes to its default.
+    ///
+    /// Does nothing if the plan has none.
     fn set_param(&mut self, who: RendererId, live: bool) {
         let Some(viewport) = self.viewer.shell.viewer.viewport(who) else { return };
         let params = viewport.renderer.controls().iter().map(|control| &control.param);
@@ -245,7 +247,7 @@ impl Soak {
         viewport.renderer.set_param(&param.name, value);
     }
 
-    /// Inspects a resource that a pass accesses, in every frame or once.
+    /// Inspects, once or in every frame, a resource that a pass accesses.
     fn inspect(&mut self, who: RendererId) {
         let Some(viewport) = self.viewer.shell.viewer.viewport(who) else { return };
         let Some(plan) = viewport.renderer.plan().cloned() else { return };

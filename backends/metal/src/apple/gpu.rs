@@ -28,7 +28,7 @@ pub struct MetalGpu {
     /// The timestamp counters; `None` if encoders cannot sample them at their ends.
     pub(crate) timestamps: Option<CounterSet>,
     pub(crate) filters_floats: bool,
-    /// True if objects and commands are labelled, because captures or Metal's validation are enabled.
+    /// True if command buffers and encoders are labelled, because captures or Metal's validation are enabled.
     pub(crate) labels: bool,
     pub(crate) allocated: AtomicU64,
     /// Submissions that may not have completed, in the queue's order.

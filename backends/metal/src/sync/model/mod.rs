@@ -160,7 +160,7 @@ impl<'a> Model<'a> {
         Model { plan, pairs }
     }
 
-    /// Lists all mistakes in a list of encoders.
+    /// Lists all mistakes in a list of encoders. A mistake that recurs in other frames is listed once.
     pub fn objections(&self, encoders: &Encoders) -> Vec<Objection> {
         let mut found = self.malformed(encoders);
         self.replay(encoders, |objection| {
