@@ -213,6 +213,10 @@ impl Panels {
 
     fn view_menu(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
         let button = drop_down(ui, "", "View", 72.0, |ui| {
+            if self.controls.seen("open", ui.button("Open a file… (Ctrl + O)")).clicked() {
+                self.controls.commands.push(Command::Open);
+                ui.close();
+            }
             ui.horizontal(|ui| {
                 let undo =
                     self.controls.seen("undo", ui.add_enabled(self.undo.can_undo(), Button::new("Undo")));
