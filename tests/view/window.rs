@@ -74,7 +74,8 @@ fn a_window_at_rest_draws_nothing_until_something_happens() {
     since = program.now();
     program.window.focus();
     program.window.key('k'.into());
-    program.frame_after(since);
+    // Nothing on the screen shows it.
+    sleep(Duration::from_secs(1));
     program.window.ask_to_close();
     program.until(since, "a notice", |event| event["name"] == "notice");
     program.close();
