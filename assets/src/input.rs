@@ -152,7 +152,7 @@ pub(crate) fn finish(
     size_breakdown: SizeBreakdown,
     notes: FileNotes,
 ) -> Result<Scene, SceneError> {
-    let scene = Scene::new(columns, gathered, Some(size_breakdown)).with_notes(notes);
+    let scene = Scene::new(columns, gathered).with_breakdown(size_breakdown).with_notes(notes);
     if scene.count() == 0 {
         return Err(SceneError::AllDropped { count, reasons: scene.dropped().to_string() });
     }
@@ -251,10 +251,15 @@ impl Source<'_> {
 
     /// Reads the first bytes, `limit` at most. A lack of memory is an error.
     pub(crate) fn head(&self, limit: usize) -> io::Result<Vec<u8>> {
-        let mut head = Vec::new();
-        grow(&mut head, usize::try_from(self.length()).unwrap_or(limit).min(limit))?;
-        self.read(0, &mut head)?;
-        Ok(head)
+        self.bytes(0, usize::try_from(self.length()).unwrap_or(limit).min(limit))
+    }
+
+    /// Reads `count` bytes from offset `at` on. A lack of memory is an error.
+    pub(crate) fn bytes(&self, at: u64, count: usize) -> io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        grow(&mut bytes, count)?;
+        self.read(at, &mut bytes)?;
+        Ok(bytes)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Reads JSON documents, and limits the memory that parsing them takes.
 
 use crate::error::{SceneError, field};
-use crate::input::{Source, grow};
+use crate::input::Source;
 use crate::memory::{self, display};
 use std::collections::BTreeSet;
 
@@ -30,9 +30,7 @@ pub(crate) fn read(
     if length > most {
         return Err(field(at, "JSON", format!("expected at most {most} bytes, found {length}")));
     }
-    let mut text = Vec::new();
-    grow(&mut text, length as usize)?;
-    source.read(at, &mut text)?;
+    let text = source.bytes(at, length as usize)?;
     check(&text, object).map_err(|message| field(at, "JSON", message))?;
     Ok(text)
 }

@@ -15,7 +15,7 @@
 
 use crate::activation;
 use crate::error::{SceneError, field};
-use crate::input::{self, Done, Input, SceneHeader, Source, grow};
+use crate::input::{self, Done, Input, SceneHeader, Source};
 use crate::scene::{FileNotes, Scene, Splat, sh_floats};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use crate::words::{bytes_at, float, word};
@@ -242,9 +242,7 @@ impl Section {
             return Err(field(header_at + 32, "fullBucketCount", text));
         }
         // The section was checked to lie within the file, so this allocates at most the file's length.
-        let mut data = Vec::new();
-        grow(&mut data, 4 * partial + 12 * buckets)?;
-        source.read(at, &mut data)?;
+        let data = source.bytes(at, 4 * partial + 12 * buckets)?;
         let mut end = self.full.saturating_mul(self.capacity);
         for length in data[..4 * partial].chunks_exact(4) {
             end = end.saturating_add(word(length, 0) as usize);

@@ -143,9 +143,7 @@ fn packed(
     place: Similarity,
 ) -> Result<(Scene, Vec<FieldSize>), SceneError> {
     let (source, start, view) = container.view(view)?;
-    let mut bytes = Vec::new();
-    input::grow(&mut bytes, view.byte_length as usize)?;
-    source.read(start, &mut bytes)?;
+    let bytes = source.bytes(start, view.byte_length as usize)?;
     let scene = spz::parse(&Input { source: &Source::Bytes(&bytes), ..*input })?;
     let fields = vec![FieldSize::whole("spz", "file", view.byte_length)];
     if place == Similarity::IDENTITY {

@@ -3,7 +3,7 @@
 use super::column::{Column, MAX_PER_BYTE};
 use super::document::{BANDS, CHUNK_MAGIC, ChunkDocument, Document, Name, Place, Property};
 use crate::error::{SceneError, field, wrong};
-use crate::input::{Done, OpenFile, Source, beside, grow};
+use crate::input::{Done, OpenFile, Source, beside};
 use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::path::Path;
@@ -242,10 +242,8 @@ impl Chunk {
                 continue;
             }
             done.check()?;
-            let mut packed = Vec::new();
-            grow(&mut packed, property.bytes as usize)?;
             let at = self.payload + property.offset;
-            file.read(at, &mut packed)?;
+            let packed = file.bytes(at, property.bytes as usize)?;
             let name = format!("chunks[{}].properties[{number}], {}", self.index, property.name.text());
             let rows = (!property.name.is_code()).then_some(self.count);
             let column = Column::unpack(property, rows, packed, (at, &name))?;

@@ -53,10 +53,7 @@ pub struct ColorRange {
 pub struct Scene {
     pub(crate) columns: Columns,
     offset: [f64; 3],
-    effective_degree: u32,
-    dropped: Dropped,
-    norms: QuaternionNorms,
-    bounds: Bounds,
+    gathered: Gathered,
     notes: FileNotes,
     mesh: Option<Arc<Mesh>>,
     parts: Vec<ScenePart>,
@@ -74,26 +71,21 @@ fn normalised(splat: Splat) -> (Splat, f64) {
 }
 
 impl Scene {
-    pub(crate) fn new(
-        mut columns: Columns,
-        gathered: Gathered,
-        size_breakdown: Option<SizeBreakdown>,
-    ) -> Self {
-        let empty = columns.opacity.is_empty();
+    pub(crate) fn new(mut columns: Columns, mut gathered: Gathered) -> Self {
+        if columns.opacity.is_empty() {
+            gathered.bounds = Bounds::ORIGIN;
+        }
         if gathered.rounding < INVISIBLE {
             columns.low = Vec::new();
         }
         Self {
             columns,
             offset: [0.0; 3],
-            effective_degree: gathered.effective_degree,
-            dropped: gathered.dropped,
-            norms: gathered.norms,
-            bounds: if empty { Bounds::ORIGIN } else { gathered.bounds },
+            gathered,
             notes: FileNotes::default(),
             mesh: None,
             parts: Vec::new(),
-            size_breakdown: size_breakdown.map_or_else(OnceLock::new, OnceLock::from),
+            size_breakdown: OnceLock::new(),
             robust: OnceLock::new(),
             colors: OnceLock::new(),
             identity: OnceLock::new(),
@@ -149,7 +141,7 @@ impl Scene {
             }
             Ok::<_, Infallible>(())
         });
-        Ok(Self::new(columns, gathered, None))
+        Ok(Self::new(columns, gathered))
     }
 
     /// Generates a scene like [`Scene::try_generate`]. Positions have more precision than f32 if the scene is `wide`;
@@ -200,8 +192,9 @@ impl Scene {
         Self { notes, ..self }
     }
 
-    pub(crate) fn with_dropped(self, dropped: Dropped) -> Self {
-        Self { dropped, ..self }
+    pub(crate) fn with_dropped(mut self, dropped: Dropped) -> Self {
+        self.gathered.dropped = dropped;
+        self
     }
 
     pub(crate) fn with_breakdown(self, breakdown: SizeBreakdown) -> Self {
@@ -321,7 +314,7 @@ impl Scene {
 
     /// Returns the highest band with a coefficient other than 0 in any splat: the last that a renderer must evaluate.
     pub fn effective_degree(&self) -> u32 {
-        self.effective_degree
+        self.gathered.effective_degree
     }
 
     /// Returns true if splat `index` can be visible under the published rules: its opacity is 1/255 or more.
@@ -359,17 +352,17 @@ impl Scene {
 
     /// Returns the counts of the splats dropped on load or by a transformation.
     pub fn dropped(&self) -> &Dropped {
-        &self.dropped
+        &self.gathered.dropped
     }
 
     /// Returns the range of the quaternions' lengths before normalisation.
     pub fn quaternion_norms(&self) -> QuaternionNorms {
-        self.norms
+        self.gathered.norms
     }
 
     /// Returns the box around every centre; [`Bounds::ORIGIN`] for a scene without splats.
     pub fn bounds(&self) -> Bounds {
-        self.bounds
+        self.gathered.bounds
     }
 
     /// Returns the box from the 1st to the 99th percentile of each coordinate, which ignores outliers.

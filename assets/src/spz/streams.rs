@@ -53,8 +53,7 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
     let count = u64::from(header.count);
     let done = Done::new(2 * count * header.stride(), input.progress)?;
     // `header` checked that the records lie within the file, so this allocates at most the file's length.
-    let mut records = vec![0; (table_at - LONG_HEADER as u64) as usize];
-    source.read(LONG_HEADER as u64, &mut records)?;
+    let records = source.bytes(LONG_HEADER as u64, (table_at - LONG_HEADER as u64) as usize)?;
 
     let streams = header.arrays().iter().filter(|(_, _, stride)| *stride > 0).count();
     let header_bytes = table_at + (streams * ENTRY) as u64;

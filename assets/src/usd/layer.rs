@@ -2,7 +2,7 @@
 //! the layer refers to others.
 
 use crate::error::{SceneError, field, wrong};
-use crate::input::{Source, Table, grow};
+use crate::input::{Source, Table};
 use crate::scalar::Scalar;
 use std::collections::BTreeMap;
 
@@ -49,10 +49,7 @@ impl<'a> Bytes<'a> {
 
     pub(super) fn vec(&self, at: u64, count: u64) -> Result<Vec<u8>, SceneError> {
         self.check(at, count)?;
-        let mut bytes = Vec::new();
-        grow(&mut bytes, count as usize)?;
-        self.read(at, &mut bytes)?;
-        Ok(bytes)
+        Ok(self.source.bytes(self.start + at, count as usize)?)
     }
 }
 
