@@ -6,21 +6,15 @@ use std::fmt;
 
 /// An axis-aligned box; [`Bounds::EMPTY`] contains no point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Bounds {
+pub struct Bounds<T = f32> {
     /// Minimum of each coordinate.
-    pub min: [f32; 3],
+    pub min: [T; 3],
     /// Maximum of each coordinate.
-    pub max: [f32; 3],
+    pub max: [T; 3],
 }
 
 /// An axis-aligned box in the world's coordinates.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct WorldBounds {
-    /// Minimum of each coordinate.
-    pub min: [f64; 3],
-    /// Maximum of each coordinate.
-    pub max: [f64; 3],
-}
+pub type WorldBounds = Bounds<f64>;
 
 /// Formats the box as `(x, y, z) to (x, y, z)`.
 impl fmt::Display for WorldBounds {

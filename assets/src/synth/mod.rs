@@ -11,11 +11,11 @@ mod ring;
 
 pub use demo::demo_cameras;
 pub use enlarge::enlarge;
+pub use ring::mesh;
 
 use crate::camera::Camera;
 use crate::error::nearest;
 use crate::memory::SceneMemoryError;
-use crate::mesh::Mesh;
 use crate::scene::Scene;
 use extremes::Made;
 
@@ -36,11 +36,6 @@ pub struct Generator {
 /// Name of the generated mesh, and a one-line description of it.
 pub const MESH: (&str, &str) =
     ("ring", "a mesh for the demo scene (.glb): a bronze ring, upright and half sunk into the pond");
-
-/// Generates the mesh that [`MESH`] names, in the coordinates of the demo scene.
-pub fn mesh() -> Mesh {
-    ring::ring()
-}
 
 /// An error while generating a scene.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -28,7 +28,8 @@ fn hammered(at: DVec2) -> f64 {
     dent(x + 0.3 * patches(at, 1.0)) * dent(y + 0.5 * (x.floor() % 2.0))
 }
 
-pub(super) fn ring() -> Mesh {
+/// Generates the mesh that [`MESH`](super::MESH) names, in the coordinates of the demo scene.
+pub fn mesh() -> Mesh {
     let mut mesh = Mesh::default();
     for (row, column) in (0..=STEPS[1]).flat_map(|row| (0..=STEPS[0]).map(move |column| (row, column))) {
         let uv = DVec2::new(f64::from(column) / f64::from(STEPS[0]), f64::from(row) / f64::from(STEPS[1]));
@@ -100,7 +101,7 @@ mod tests {
 
     #[test]
     fn the_ring_is_half_under_water_and_its_normals_point_out_of_it() {
-        let ring = ring();
+        let ring = mesh();
         let above = ring.positions.iter().filter(|p| p[1] < 0.0).count() as f64;
         assert!((above / ring.positions.len() as f64 - 0.5).abs() < 0.02);
         for (place, normal) in ring.positions.iter().zip(&ring.normals) {
