@@ -46,7 +46,7 @@ pub(super) fn knot(random: &mut Random, count: usize) -> Vec<Splat> {
             let patch = Patch::new(rope, uv);
             // The normal must point out of the rope.
             let axis = line(uv.x);
-            let normal = if patch.normal.dot(patch.at - axis) < 0.0 { -patch.normal } else { patch.normal };
+            let normal = patch.normal_towards(patch.at - axis);
             let ridge = (lobes(uv) - 0.83) / 0.34;
             // Little light reaches the grooves between the lobes and the inner side of the knot.
             let inward = 0.5 + 0.5 * normal.dot((patch.at - CENTER).normalize_or(UP));

@@ -90,7 +90,7 @@ pub(super) fn petals(random: &mut Random, count: usize) -> Vec<Splat> {
             let uv = even(index) * DVec2::new(0.965, 1.0);
             let patch = Patch::new(|uv| petal.point(uv), uv);
             // The normal of the upper, inner side.
-            let normal = if patch.normal.dot(UP) < 0.0 { -patch.normal } else { patch.normal };
+            let normal = patch.normal_towards(UP);
             let across = (2.0 * uv.y - 1.0).abs();
             let root = blend(DVec3::new(1.0, 0.86, 0.50), DVec3::new(0.94, 0.66, 0.66), uv.x * 2.6);
             let tip = blend(root, DVec3::new(0.80, 0.12, 0.36), (uv.x - 0.22) * 1.35);
@@ -164,11 +164,7 @@ pub(super) fn heart(random: &mut Random, count: usize) -> Vec<Splat> {
             )
         };
         let patch = Patch::new(surface, uv);
-        let normal = if patch.normal.dot(UP + patch.at * DVec3::new(4.0, 0.0, 4.0)) < 0.0 {
-            -patch.normal
-        } else {
-            patch.normal
-        };
+        let normal = patch.normal_towards(UP + patch.at * DVec3::new(4.0, 0.0, 4.0));
         let seeds = (TAU * uv.y * 4.0).cos() * (uv.x * 40.0).cos();
         let green = blend(DVec3::new(0.72, 0.66, 0.14), DVec3::new(0.28, 0.40, 0.10), 1.4 * seeds);
         let light = diffuse(patch.at, normal, green * (1.0 + 0.06 * random.normal()), 0.9, 0.3, 0.0);

@@ -105,7 +105,7 @@ pub(super) fn lily_pads(random: &mut Random, count: usize) -> Vec<Splat> {
                 )
             };
             let patch = Patch::new(surface, uv);
-            let normal = if patch.normal.dot(UP) < 0.0 { -patch.normal } else { patch.normal };
+            let normal = patch.normal_towards(UP);
             let r = uv.x.sqrt();
             let vein = (0.5 + 0.5 * (uv.y * TAU * 9.0).cos()).powi(6) * (1.0 - 0.5 * r);
             let leaf = blend(DVec3::new(0.018, 0.085, 0.045), DVec3::new(0.045, 0.12, 0.035), r);

@@ -13,10 +13,10 @@ pub(super) fn even(index: usize) -> DVec2 {
 pub(super) struct Patch {
     pub at: DVec3,
     /// Unit normal, in the direction of `du x dv`.
-    pub normal: DVec3,
+    normal: DVec3,
     /// Derivatives with respect to both parameters.
-    pub du: DVec3,
-    pub dv: DVec3,
+    du: DVec3,
+    dv: DVec3,
 }
 
 impl Patch {
@@ -26,6 +26,11 @@ impl Patch {
         let du = (surface(uv + DVec2::new(H, 0.0)) - surface(uv - DVec2::new(H, 0.0))) / (2.0 * H);
         let dv = (surface(uv + DVec2::new(0.0, H)) - surface(uv - DVec2::new(0.0, H))) / (2.0 * H);
         Self { at: surface(uv), normal: du.cross(dv).normalize_or(DVec3::Y), du, dv }
+    }
+
+    /// Returns the normal on the side of `out`.
+    pub(super) fn normal_towards(&self, out: DVec3) -> DVec3 {
+        if self.normal.dot(out) < 0.0 { -self.normal } else { self.normal }
     }
 
     /// Returns a splat that covers its share of the surface.
