@@ -50,9 +50,12 @@ const uint OWN = CELLS / CELLS_AT_ONCE;
 
 // Each invocation takes a splat; the first one takes a splat that touches nothing, which pads lists.
 const uint CHUNK = THREADS - 1u;
-// True if cells are noted only by ballots, which write every word of `touching`. Otherwise these are only for splats that touch many cells.
+// True if cells are noted only by ballots, which write every word of `touching`. Otherwise a subgroup uses ballots if any of its splats has
+// more than FEW_CELLS cells in its rectangle.
 #define BALLOTS (LANES >= 32 && BIN_HEIGHT * BIN_SIDE <= 512)
 const uint FEW_CELLS = 16u;
+// Ballots for all cells of a larger bin would be too much code, and most of its rows are empty.
+#define UNROLLS_ROWS (LANES >= 32 && BIN_SIDE == 32)
 const uint WORDS = THREADS / 32u;
 // The records of the chunk's splats, in the parts of 16 bytes that shared memory reads at once; in place of the centre, u and v of
 // the falloff at the corner of the bin's square (record.glsl).
@@ -113,11 +116,19 @@ uint sum_in_cell(uint value, uint lane) {
 void mark_by_ballots(Cut cut, uvec2 low, uvec2 high, bool touches, uint at, uint lane) {
     // A lane for each of up to 32 cells, in whole rows.
     const uint ROWS_PER_TURN = min(ROWS, 32u / ACROSS);
-    [[unroll]] for (uint top = 0u; top < ROWS; top += ROWS_PER_TURN) {
+#if UNROLLS_ROWS
+    [[unroll]]
+#endif
+    for (uint top = 0u; top < ROWS; top += ROWS_PER_TURN) {
         uvec4 words = uvec4(0u);
         [[unroll]] for (uint y = 0u; y < ROWS_PER_TURN; y++) {
             uint row = top + y;
             uint columns = touches && row >= low.y && row <= high.y ? columns_of(cut, row) : 0u;
+#if !UNROLLS_ROWS
+            if (subgroupAll(columns == 0u)) {
+                continue;
+            }
+#endif
             [[unroll]] for (uint x = 0u; x < ACROSS; x++) {
                 uvec4 touch = subgroupBallot(((columns >> x) & 1u) != 0u);
 #if LANES >= 32
