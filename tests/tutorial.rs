@@ -37,6 +37,17 @@ fn every_step_of_the_tutorial_draws_what_it_teaches() {
     let auto = drawn(&place, "auto", "");
     let renderer = step("renderer", "");
     assert!(psnr(&renderer, &splat) > 50.0, "{}", psnr(&renderer, &splat));
+    let white = "--background 1,1,1";
+    assert!(psnr(&step("renderer", white), &drawn(&place, "splat", white)) > 50.0);
+    let line = format!("render scene.ply --size 32x18 {white} -o out.npy -p");
+    let told = |graph: &str| {
+        place.said(&format!("{line} {}", tutorial().join(graph).with_extension("ron").display())).1
+    };
+    assert!(
+        told("sorted")
+            .contains("--background has no effect: no shader of the graph reads `camera.background`")
+    );
+    assert!(!told("renderer").contains("--background"));
     // The steps before `renderer` draw no harmonics, and those before `sorted` are unsorted too.
     let base = drawn(&place, "splat", "--set sh_degree=0");
     let sorted = step("sorted", "");

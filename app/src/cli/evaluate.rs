@@ -6,6 +6,7 @@ use super::loading;
 use super::options::{self, DeviceArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files, validated};
 use super::render::{Renderer, refuse_graph_options, renderer};
+use crate::draw::animation::background_note;
 use crate::draw::backend::{Api, Backend};
 use crate::draw::fit;
 use crate::draw::outputs;
@@ -403,7 +404,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     }
     if let Drawer::Device(session) = &mut drawer {
-        progress.suspend(|| session.settings_without_effect().iter().for_each(say));
+        let note = session.plan().and_then(|plan| background_note(plan, args.background));
+        progress.suspend(|| session.settings_without_effect().iter().chain(&note).for_each(say));
     }
     drop(progress);
     let found = Evaluation::new(scores, missing);

@@ -4,10 +4,10 @@ use super::outcome::{Outcome, Usage};
 use crate::io::output::{self, OutputGuard, note, shell_word};
 use anyhow::Result;
 use clap::ValueEnum;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 const EXAMPLES: &str = "Examples:
-  splatgraph new my.ron                     # a renderer for splats, with its three shaders
+  splatgraph new my.ron                     # a renderer for splats, with its four shaders
   splatgraph new rings.ron --from compute   # a picture from one compute shader
   splatgraph new grey.ron --from post       # a filter over the picture of `auto`, with a slider
   splatgraph check my.ron
@@ -56,6 +56,7 @@ impl Start {
             Start::Splat => &[
                 tutorial!("renderer.ron"),
                 tutorial!("renderer.comp"),
+                tutorial!("renderer.clear.comp"),
                 tutorial!("renderer.vert"),
                 tutorial!("renderer.frag"),
             ],
@@ -109,8 +110,9 @@ fn files(start: Start, stem: &str) -> impl Iterator<Item = (&'static str, String
     })
 }
 
+/// Returns what follows the template's name: `comp`, or `clear.comp`.
 fn extension(name: &'static str) -> &'static str {
-    Path::new(name).extension().and_then(|e| e.to_str()).unwrap_or_default()
+    name.split_once('.').unwrap_or_default().1
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -139,7 +141,7 @@ mod tests {
     #[test]
     fn every_start_is_a_graph_without_mistakes_under_any_name() {
         let folder = tempfile::tempdir().expect("a folder");
-        for (from, shaders) in [(Start::Splat, 3), (Start::Compute, 1), (Start::Post, 1)] {
+        for (from, shaders) in [(Start::Splat, 4), (Start::Compute, 1), (Start::Post, 1)] {
             let path = folder.path().join(format!("My-{from:?}_2.ron"));
             run(&args(path.clone(), from)).expect("written");
             for lanes in facts::SUBGROUP_SIZES {

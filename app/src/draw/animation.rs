@@ -1,24 +1,31 @@
 //! Detects plans whose frames may differ for equal inputs: plans with a history, and plans whose shaders read the frame
-//! number.
+//! number. Also detects plans that ignore the background.
 
-use crate::draw::camera::{CAMERA, FRAME_NUMBER};
+use crate::draw::camera::{BACKGROUND, CAMERA, FRAME_NUMBER};
 use splatgraph_framework::ir::{Pass, ReflectedKind, Shader, Source};
 use splatgraph_framework::plan::Plan;
 
 /// Returns true if the frames of a plan may differ for equal inputs.
 pub fn is_animated(plan: &Plan) -> bool {
-    plan.resources.iter().any(|resource| resource.history.is_some()) || reads_frame_number(plan)
+    plan.resources.iter().any(|resource| resource.history.is_some()) || reads_camera(plan, FRAME_NUMBER)
 }
 
-fn reads_frame_number(plan: &Plan) -> bool {
-    plan.frame
-        .iter()
-        .map(|pass| plan.pass(*pass))
-        .any(|pass| pass.work.shaders().into_iter().any(|shader| reads(plan, pass, plan.shader(*shader))))
+/// Returns a note for a background that the plan ignores; black needs none, because pictures are usually cleared to it.
+pub fn background_note(plan: &Plan, background: [f32; 3]) -> Option<String> {
+    (background != [0.0; 3] && !reads_camera(plan, BACKGROUND)).then(|| {
+        format!("{}: --background has no effect: no shader of the graph reads `camera.background`", plan.name)
+    })
 }
 
-/// Returns true if a pass's shader may read the frame number from the block `Camera`.
-fn reads(plan: &Plan, pass: &Pass, shader: &Shader) -> bool {
+/// Returns true if a shader of the plan's frames may read the member at byte `offset` of the block `Camera`.
+fn reads_camera(plan: &Plan, offset: u32) -> bool {
+    let reads = |pass: &Pass| {
+        pass.work.shaders().into_iter().any(|shader| reads(plan, pass, plan.shader(*shader), offset))
+    };
+    plan.frame.iter().any(|pass| reads(plan.pass(*pass)))
+}
+
+fn reads(plan: &Plan, pass: &Pass, shader: &Shader, offset: u32) -> bool {
     let is_camera = |source: &Source| matches!(source, Source::Frame { uniform } if uniform == CAMERA);
     let bound = pass.bindings.iter().filter(|binding| is_camera(&plan.resource(binding.resource).source));
     bound.map(|binding| binding.binding).any(|number| {
@@ -26,7 +33,7 @@ fn reads(plan: &Plan, pass: &Pass, shader: &Shader) -> bool {
         matches!(
             block.map(|block| &block.kind),
             Some(ReflectedKind::UniformBuffer { members, .. })
-                if members.iter().any(|member| member.offset == FRAME_NUMBER && member.used)
+                if members.iter().any(|member| member.offset == offset && member.used)
         )
     })
 }
@@ -68,7 +75,7 @@ mod tests {
             void main() { imageStore(color, ivec2(0), vec4(result)); }\n";
         std::fs::write(folder.path().join("show.comp"), show).expect("a shader");
         std::fs::write(&graph, text).expect("a graph");
-        reads_frame_number(&plan(&graph.to_string_lossy()))
+        reads_camera(&plan(&graph.to_string_lossy()), FRAME_NUMBER)
     }
 
     #[test]
@@ -86,7 +93,9 @@ mod tests {
     #[test]
     fn of_the_shipped_graphs_only_the_one_with_a_history_is_animated() {
         for graph in crate::draw::builtin::presets() {
-            assert_eq!(is_animated(&plan(graph.name)), graph.name == "stale_order", "{}", graph.name);
+            let plan = plan(graph.name);
+            assert_eq!(is_animated(&plan), graph.name == "stale_order", "{}", graph.name);
+            assert_eq!(background_note(&plan, [1.0; 3]), None, "{}", graph.name);
         }
     }
 }

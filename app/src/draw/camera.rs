@@ -53,6 +53,9 @@ const LONG_FOCAL: f64 = 16_384.0;
 /// Byte offset of the frame number in the block.
 pub const FRAME_NUMBER: u32 = std::mem::offset_of!(Block, frame) as u32;
 
+/// Byte offset of the background in the block.
+pub const BACKGROUND: u32 = std::mem::offset_of!(Block, background) as u32;
+
 /// Makes the uniform blocks of a frame, by name.
 ///
 /// `bounds` is the scene's box. `background` is display-encoded. `frame` counts the frames from 0.

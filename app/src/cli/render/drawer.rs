@@ -8,6 +8,7 @@ use crate::cli::cameras;
 use crate::cli::loading;
 use crate::cli::options;
 use crate::cli::outcome::{Usage, claim_graph_files};
+use crate::draw::animation::background_note;
 use crate::draw::backend::Backend;
 use crate::draw::facts::DEFAULT_SIZE;
 use crate::draw::orbit;
@@ -297,6 +298,7 @@ fn check_plan(args: &Args, session: &mut Session, guard: &mut OutputGuard, camer
     let _span = info_span!("check files and settings").entered();
     session.settings_without_effect().iter().for_each(say);
     let plan = session.plan().context("no plan after `prepare`")?;
+    background_note(plan, args.background).iter().for_each(say);
     if outputs::sorts_by_distance(plan) && !camera.projection.sees_behind() {
         let names = plan.outputs.iter().map(|output| output.name.as_str());
         outputs::distance_note(names, "--set key_of=depth").iter().for_each(say);

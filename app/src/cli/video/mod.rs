@@ -10,6 +10,7 @@ use super::outcome::{self, Outcome, Usage, claim_graph_files};
 use super::render::prepare_plan;
 use super::scenes::ScenesArgs;
 use super::stdout::Stdout;
+use crate::draw::animation::background_note;
 use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
 use crate::draw::film::{self, DrawOptions, Film, Motion};
 use crate::draw::orbit::{self, Orbit};
@@ -319,7 +320,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         ));
     }
     prepare_plan(&mut session, first)?;
-    session.settings_without_effect().iter().for_each(say);
+    let note = session.plan().and_then(|plan| background_note(plan, args.background));
+    session.settings_without_effect().iter().chain(&note).for_each(say);
     claim_graph_files(&mut guard, &session.files())?;
 
     let job = Job { args, film: &film, size };
