@@ -122,6 +122,7 @@ impl BlendFactors {
         use BlendFactor as F;
         let (color, alpha) = match blend {
             Blend::Replace => return None,
+            Blend::Add => ((F::One, F::One), (F::One, F::One)),
             Blend::PremultipliedOver => ((F::One, F::OneMinusSourceAlpha), (F::One, F::OneMinusSourceAlpha)),
             Blend::TransmittanceOver => ((F::One, F::OneMinusSourceAlpha), (F::Zero, F::OneMinusSourceAlpha)),
             Blend::TransmittanceUnder => ((F::TargetAlpha, F::One), (F::Zero, F::OneMinusSourceAlpha)),
@@ -169,6 +170,7 @@ mod tests {
         let factors = |color, alpha| Some(BlendFactors { color, alpha });
         let over = (One, OneMinusSourceAlpha);
         assert_eq!(BlendFactors::of(Blend::Replace), None);
+        assert_eq!(BlendFactors::of(Blend::Add), factors((One, One), (One, One)));
         assert_eq!(BlendFactors::of(Blend::PremultipliedOver), factors(over, over));
         let fades = (Zero, OneMinusSourceAlpha);
         assert_eq!(BlendFactors::of(Blend::TransmittanceOver), factors(over, fades));

@@ -113,6 +113,15 @@ pub enum Blend {
     /// Front to back, `s` premultiplied. `d.a` is the transmittance, cleared to 1: `d.rgb = d.a s.rgb + d.rgb`, `d.a =
     /// (1 - s.a) d.a`.
     TransmittanceUnder,
+    /// Sums, in any order: `d = s + d`.
+    Add,
+}
+
+impl Blend {
+    /// Returns true if the alpha of the shader's output is a factor of other channels.
+    pub fn reads_alpha(self) -> bool {
+        !matches!(self, Blend::Replace | Blend::Add)
+    }
 }
 
 #[cfg(test)]

@@ -2,8 +2,8 @@
 
 use super::linker::{Linker, describe, touch};
 use crate::ir::{
-    Accesses, DepthAccess, DepthTarget, Format, Layout, Load, ShaderId, Shape, Source, Span, Stages, Target,
-    Use, Varying,
+    Accesses, Blend, DepthAccess, DepthTarget, Format, Layout, Load, ShaderId, Shape, Source, Span, Stages,
+    Target, Use, Varying,
 };
 use crate::lower::LoweredPass;
 use crate::source::Diagnostic;
@@ -69,9 +69,10 @@ impl Linker<'_> {
                 continue;
             }
             let output = &shader.reflection.outputs[i];
-            if output.location as usize != i || !fills(&output.glsl_type, format) {
+            if output.location as usize != i || !fills(&output.glsl_type, format, target.blend) {
                 let declared = self.lowered.declaration(target.image).span;
-                let error = wrong_output(&shader.name, output, i, (&image.name, format), *span);
+                let wanted = (&*image.name, format, target.blend);
+                let error = wrong_output(&shader.name, output, i, wanted, *span);
                 self.errors.push(error.with_label(declared, "declared here"));
                 continue;
             }
@@ -134,25 +135,27 @@ fn is_depth(shape: &Shape) -> bool {
     matches!(shape, Shape::Image { format: Format::Depth32Float, .. })
 }
 
-/// Returns the smallest GLSL type that gives every channel of a format a value.
-fn output_type(format: Format) -> &'static str {
+/// Returns the smallest GLSL type that gives every channel of a format a value, and alpha, if blending reads it.
+fn output_type(format: Format, blend: Blend) -> &'static str {
     match format {
+        _ if blend.reads_alpha() => "vec4",
         Format::Rgba8Unorm | Format::Rgba16Float | Format::Rgba32Float => "vec4",
         Format::R32Uint => "uint",
         Format::R32Float | Format::Depth32Float => "float",
     }
 }
 
-/// Returns true if an output of a type defines every channel of a target: Vulkan leaves channels that the type lacks
-/// undefined, and all channels if one side has integers and the other has floats. Surplus components are discarded.
-fn fills(glsl_type: &str, format: Format) -> bool {
+/// Returns true if an output of a type defines every channel of a target, and alpha, if blending reads it: Vulkan leaves
+/// channels that the type lacks undefined, and all channels if one side has integers and the other has floats. Surplus
+/// components are discarded.
+fn fills(glsl_type: &str, format: Format, blend: Blend) -> bool {
     let (scalars, vectors) = match format {
         Format::R32Uint => (["uint", "uint16_t"], ["uvec", "u16vec"]),
         _ => (["float", "float16_t"], ["vec", "f16vec"]),
     };
     let one = || scalars.contains(&glsl_type).then_some(1);
     let components = vectors.iter().find_map(|prefix| glsl_type.strip_prefix(prefix)?.parse().ok());
-    let channels: u32 = if output_type(format) == "vec4" { 4 } else { 1 };
+    let channels: u32 = if output_type(format, blend) == "vec4" { 4 } else { 1 };
     components.or_else(one).is_some_and(|components| components >= channels)
 }
 
@@ -161,15 +164,20 @@ fn wrong_output(
     shader: &str,
     Varying { name, location, glsl_type, .. }: &Varying,
     target: usize,
-    (image, format): (&str, Format),
+    (image, format, blend): (&str, Format, Blend),
     span: Span,
 ) -> Diagnostic {
-    let wanted = output_type(format);
+    let wanted = output_type(format, blend);
     let at = if *location as usize == target { String::new() } else { format!(" at location {location}") };
     let message = format!(
         "expected an output `{wanted}` at location {target} for the target `{image}`, found `{glsl_type} {name}`{at}"
     );
-    Diagnostic::new(message, span, format!("`{image}` has the format {}", format.name()))
+    let format_type = output_type(format, Blend::Replace);
+    let label = match wanted == format_type {
+        true => format!("`{image}` has the format {}", format.name()),
+        false => format!("`{blend:?}` reads the alpha of the output, which `{format_type}` leaves undefined"),
+    };
+    Diagnostic::new(message, span, label)
         .with_help(format!("declare it in `{shader}`: `layout(location = {target}) out {wanted} {name};`"))
 }
 

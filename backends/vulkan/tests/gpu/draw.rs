@@ -105,6 +105,11 @@ fn transmittance_under_puts_the_later_fragment_behind() {
 }
 
 #[test]
+fn add_sums_all_four_channels() {
+    assert_eq!(two_triangles(Blend::Add, [0.25, 0.5, 1.0, 1.0], false), [0.75, 0.875, 1.25, 1.75]);
+}
+
+#[test]
 fn a_draw_takes_its_counts_from_words_that_an_earlier_pass_wrote() {
     let direct = two_triangles(Blend::TransmittanceUnder, [0.0, 0.0, 0.0, 1.0], false);
     assert_eq!(two_triangles(Blend::TransmittanceUnder, [0.0, 0.0, 0.0, 1.0], true), direct);
