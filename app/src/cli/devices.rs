@@ -44,6 +44,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let all = devices.iter().map(|(api, device)| {
             let mut value = serde_json::to_value(device)?;
             value["backend"] = api.name().into();
+            // Graphs read only some of them as facts, but shaders may need any.
+            value["features"] = device.facts.features.iter_names().map(|(name, _)| name).collect();
             Ok(value)
         });
         let all = all.collect::<Result<Vec<_>>>()?;

@@ -14,8 +14,8 @@ use std::path::Path;
 /// least capable supported device.
 pub fn catalogue() -> Vec<(Target, &'static str)> {
     let portable = facts::portable_device;
-    let integers =
-        |device: DeviceFacts| DeviceFacts { features: device.features | Features::INT64, ..device };
+    let with = |device: DeviceFacts, more| DeviceFacts { features: device.features | more, ..device };
+    let stores = Features::FRAGMENT_STORES | Features::VERTEX_STORES;
     let device = |name: &str, facts, storage_buffers, source| {
         // Only WebGPU's limit of storage images is below the other devices' limits.
         let storage_images = name.starts_with("webgpu").then_some(4);
@@ -29,23 +29,24 @@ pub fn catalogue() -> Vec<(Target, &'static str)> {
         ..portable(lanes)
     };
     let webgpu = DeviceFacts { max_image_size: 8192, ..portable(facts::USUAL_SUBGROUP_SIZE) };
+    let webgpu = with(webgpu, Features::FRAGMENT_STORES);
     let most = u64::from(u32::MAX);
     vec![
         device(
             "lavapipe",
-            integers(limits(8, 1 << 27, 1024, 32)),
+            with(limits(8, 1 << 27, 1024, 32), stores | Features::INT64),
             None,
             "Mesa 22.3, on a CPU with vectors of 256 bits",
         ),
         device(
             "raspberry-pi-5",
-            DeviceFacts { max_image_size: 4096, ..limits(16, 1 << 30, 256, 16) },
+            with(DeviceFacts { max_image_size: 4096, ..limits(16, 1 << 30, 256, 16) }, stores),
             Some(64),
             "Mesa, src/broadcom/vulkan/v3dv_device.c: V3D 7.1",
         ),
         device(
             "adreno",
-            limits(128, 1 << 29, 1024, 32),
+            with(limits(128, 1 << 29, 1024, 32), stores),
             None,
             "Mesa, src/freedreno/vulkan/tu_device.cc: Adreno 6xx and 7xx, subgroups of the usual size",
         ),
@@ -57,23 +58,25 @@ pub fn catalogue() -> Vec<(Target, &'static str)> {
         ),
         device(
             "intel",
-            integers(limits(32, 1 << 30, 1024, 64)),
+            with(limits(32, 1 << 30, 1024, 64), stores | Features::INT64),
             None,
             "Mesa, src/intel/vulkan: Xe, subgroups of the usual size",
         ),
         device(
             "amd",
-            DeviceFacts {
-                features: Features::INT64 | Features::FLOAT64 | facts::PORTABLE_FEATURES,
-                ..limits(64, most, 1024, 64)
-            },
+            with(limits(64, most, 1024, 64), stores | Features::INT64 | Features::FLOAT64),
             None,
             "Mesa, src/amd/vulkan: GCN 3 and newer, subgroups of the usual size",
         ),
-        device("apple", facts::apple_device(), Some(31), "Apple, Metal Feature Set Tables: family Apple 7"),
+        device(
+            "apple",
+            with(facts::apple_device(), stores),
+            Some(31),
+            "Apple, Metal Feature Set Tables: family Apple 7",
+        ),
         device(
             "webgpu",
-            DeviceFacts { features: Features::empty(), ..webgpu },
+            DeviceFacts { features: Features::FRAGMENT_STORES, ..webgpu },
             Some(8),
             "W3C, WebGPU: default limits, without the feature `subgroups`",
         ),
@@ -116,7 +119,13 @@ fn from_json(name: &str, text: &[u8]) -> Result<Target> {
         bail!("expected facts, such as {{\"device.subgroup_size\": 32}}, found none");
     }
     let name = device.get("name").and_then(Value::as_str).unwrap_or(name);
-    Ok(Target::new(name, read(facts)?))
+    let mut facts = read(facts)?;
+    for feature in device.get("features").and_then(Value::as_array).into_iter().flatten() {
+        let known = feature.as_str().and_then(Features::from_name);
+        facts.features |=
+            known.with_context(|| format!("expected the name of a feature, found {feature}"))?;
+    }
+    Ok(Target::new(name, facts))
 }
 
 /// Reads facts by the names that graphs use. A missing fact is taken from the least capable supported device.
@@ -155,6 +164,10 @@ mod tests {
             assert_eq!((&read.name, read.facts), (&device.name, expected));
             let alone = from_json("x.json", listed[0]["facts"].to_string().as_bytes()).expect("facts");
             assert_eq!((alone.name.as_str(), alone.facts), ("x.json", read.facts));
+            let mut all = listed.clone();
+            all[0]["features"] = Features::all().iter_names().map(|(name, _)| name).collect();
+            let read = from_json("x.json", all.to_string().as_bytes()).expect("facts and features");
+            assert_eq!(read.facts.features, Features::all());
         }
     }
 
@@ -168,6 +181,8 @@ mod tests {
             "expected a natural number for `device.shared_bytes`, found -1"
         );
         assert!(error(r#"{"device.subgroup_size": 24}"#).contains("found 24"));
+        let unknown = error(r#"{"facts": {"device.int64": true}, "features": ["FLYING"]}"#);
+        assert_eq!(unknown, "expected the name of a feature, found \"FLYING\"");
         assert_eq!(error("[]"), "expected a device, found an empty list");
         for empty in ["{}", r#"{"name": "x", "facts": {}}"#] {
             assert!(error(empty).starts_with("expected facts, such as "), "{}", error(empty));

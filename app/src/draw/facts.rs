@@ -181,6 +181,8 @@ pub fn set_device_fact(device: &mut DeviceFacts, name: &str, value: &Value) -> R
     };
     let feature = match name {
         "device.int64" => Features::INT64,
+        "device.fragment_stores" => Features::FRAGMENT_STORES,
+        "device.vertex_stores" => Features::VERTEX_STORES,
         "device.float64" => Features::FLOAT64,
         "device.subgroup_arithmetic" => Features::SUBGROUP_ARITHMETIC,
         "device.subgroup_ballot" => Features::SUBGROUP_BALLOT,

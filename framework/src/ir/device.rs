@@ -63,11 +63,12 @@ impl DeviceFacts {
     }
 
     /// Lists the facts that graphs can read, with their names, in alphabetical order.
-    pub fn named(&self) -> [(&'static str, Value); 15] {
+    pub fn named(&self) -> [(&'static str, Value); 17] {
         let bytes = i64::try_from(self.max_storage_bytes).unwrap_or(i64::MAX);
         let has = |feature| Value::Bool(self.features.contains(feature));
         [
             ("device.float64", has(Features::FLOAT64)),
+            ("device.fragment_stores", has(Features::FRAGMENT_STORES)),
             ("device.fused_fma", Value::Bool(self.fused_fma)),
             ("device.int64", has(Features::INT64)),
             ("device.max_groups_x", Value::Int(self.max_groups_x.into())),
@@ -82,6 +83,7 @@ impl DeviceFacts {
             ("device.subgroup_size", Value::Int(self.subgroup_size.into())),
             ("device.subgroup_uniform_control_flow", has(Features::SUBGROUP_UNIFORM_CONTROL_FLOW)),
             ("device.subgroup_vote", has(Features::SUBGROUP_VOTE)),
+            ("device.vertex_stores", has(Features::VERTEX_STORES)),
         ]
     }
 }

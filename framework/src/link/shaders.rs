@@ -104,13 +104,16 @@ impl Linker<'_> {
         }
         let message = format!("`{}` needs {missing}", shader.name);
         let error = Diagnostic::new(message, span, "the device does not have this");
-        // There is no fact for stores in draws, so a graph cannot `require` them.
-        let error = match missing.intersects(Features::VERTEX_STORES | Features::FRAGMENT_STORES) {
-            true => error.with_help(
-                "for every device, let a `Dispatch` write this, or draw it to a target of its own: \
-                 `targets` takes several images",
-            ),
-            false => error,
+        let fact =
+            [(Features::FRAGMENT_STORES, "fragment_stores"), (Features::VERTEX_STORES, "vertex_stores")]
+                .into_iter()
+                .find(|(feature, _)| missing.intersects(*feature));
+        let error = match fact {
+            Some((_, fact)) => error.with_help(format!(
+                "for every device, let a `Dispatch` write this, or draw it to a target of its own: `targets` takes several \
+                 images; or add `require: [(\"device.{fact}\", \"shaders of draws that write\")]`"
+            )),
+            None => error,
         };
         self.errors.push(error);
     }
