@@ -167,7 +167,13 @@ impl Sources {
             );
         }
         let defined = request.defines.iter().map(|(name, _)| name.as_str()).chain(self.macros());
-        error.with_nearest(name, defined, format!("`defined({name})` asks whether it is"))
+        error.with_nearest(
+            name,
+            defined,
+            format!(
+                "`defined({name})` asks whether it is. A parameter of an include is defined here only if the include exposes it"
+            ),
+        )
     }
 
     /// Explains an undeclared name that refers to a live parameter, which only `live.glsl` declares.
