@@ -33,6 +33,12 @@ fn scenes_of_a_file_are_those_that_convert_moves_and_merges_bit_by_bit() {
     place.write("plain.ron", "// Two scenes.\nScenes([Scene(file: \"a.ply\"), Scene(file: \"b.ply\")])");
     assert!(converted(&place, "a.ply --merge=b.ply") == converted(&place, "plain.ron"), "merged");
     assert!(place.done("info plain.ron").contains("5,000"));
+    place.write("twice.ron", "Scenes([Scene(file: \"b.ply\"), Scene(file: \"a.ply\"), Scene(file: \"b.ply\", translate: (1, 0, 0))])");
+    let found = place.told("info twice.ron --json");
+    let number = |entry: usize, field: &str| found["scenes"][entry][field].as_u64().expect("a number");
+    let counts = [0, 1, 2].map(|entry| number(entry, "count"));
+    assert_eq!([0, 1, 2].map(|entry| number(entry, "first")), [0, counts[0], counts[0] + counts[1]]);
+    assert_eq!((counts[0], Some(counts.iter().sum())), (counts[2], found["report"]["splats"].as_u64()));
 }
 
 #[test]

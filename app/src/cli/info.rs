@@ -13,8 +13,8 @@ use crate::draw::storage::{Choice, StorageError};
 use crate::io::load::LoadOptions;
 use crate::studies::advise::{Description, describe};
 use anyhow::Result;
-use serde_json::json;
-use splatgraph_assets::{Mesh, grouped};
+use serde_json::{Value as Json, json};
+use splatgraph_assets::{Mesh, ScenePart, grouped};
 use splatgraph_framework::dump::{self, Dump};
 use std::path::{Path, PathBuf};
 
@@ -134,6 +134,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             "key_bits": key_bits,
             "bands": bands,
             "pipeline": plan.name,
+            "scenes": scene.parts().iter().map(part).collect::<Vec<_>>(),
             "storage": chosen.as_ref().map(Choice::json),
             "size": [size.0, size.1],
             "buffers": buffers,
@@ -147,6 +148,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
         options::write_text(None, &format!("\n{chosen}{}{fits}", memory(&dump, size)))?;
     }
     Ok(Outcome::Done)
+}
+
+/// Describes the splats of one entry of a list of scenes: the numbers of the output `index`.
+fn part(part: &ScenePart) -> Json {
+    json!({ "file": options::text_of(&part.file), "first": part.splats.start, "count": part.splats.len() })
 }
 
 fn mesh_text(mesh: &Mesh) -> String {
