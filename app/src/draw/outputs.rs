@@ -34,11 +34,11 @@ use std::path::Path;
 /// Names of the built-in graphs' outputs, each with a description.
 pub const NAMES: [(&str, &str); 7] = [
     ("alpha", "the share of the pixel that splats cover, 0 to 1"),
-    ("depth", "the sum of the splats' view depths, each times its share of the pixel (gsplat's D)"),
-    ("expected_depth", "that sum divided by alpha (gsplat's ED)"),
+    ("depth", "the sum of the depths of the splats' centres, each times its share of the pixel (gsplat's D)"),
+    ("expected_depth", "the mean depth of the splats' centres: `depth` divided by `alpha` (gsplat's ED)"),
     (
         "median_depth",
-        "the view depth of the last splat that more than half of the light reaches; 0 without splats",
+        "the depth of the centre of the last splat that more than half of the light reaches; 0 without splats",
     ),
     ("normal", "the sum of the splats' normals in the world, each times its share"),
     ("contributors", "the number of splats that are blended (uint32)"),
@@ -256,9 +256,12 @@ impl Output {
     fn about(&self) -> String {
         let what = NAMES.into_iter().find(|(name, _)| *name == self.name).map(|(_, what)| what);
         let what = what.map(|what| format!(": {what}")).unwrap_or_default();
-        let is_distance = self.by_distance && self.name.ends_with("depth");
-        let distances = if is_distance { ". Distances from the camera, not view depths" } else { "" };
-        format!("{}{what}{distances}", self.name)
+        let depths = match (self.name.ends_with("depth"), self.by_distance) {
+            (true, true) => ". Depths are distances from the camera",
+            (true, false) => ". Depths are along the viewing axis (view z)",
+            (false, _) => "",
+        };
+        format!("{}{what}{depths}", self.name)
     }
 }
 
@@ -309,7 +312,10 @@ mod tests {
         save("index", Words::Uint(vec![7]), &[1, 1], "i.exr").unwrap();
         let bytes = std::fs::read(folder.path().join("d.exr")).unwrap();
         let says = |text: &str| bytes.windows(text.len()).any(|part| part == text.as_bytes());
-        assert!(says("depth: the sum of the splats' view depths") && says("(gsplat's D). Distances from"));
+        assert!(
+            says("depth: the sum of the depths of the splats' centres")
+                && says("(gsplat's D). Depths are distances from the camera")
+        );
         for (name, format, fits) in [
             ("alpha", Format::Png, true),
             ("depth", Format::Png, false),
