@@ -8,6 +8,7 @@ use crate::io::own_file;
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use serde::de::DeserializeOwned;
+use splatgraph_assets::grouped;
 use std::path::PathBuf;
 
 /// Join the results of a command that several processes shared (--shard), and name missing views
@@ -50,6 +51,9 @@ pub(super) fn prepare(args: &Args) -> Result<Vec<Manifest>> {
     Ok(manifests)
 }
 
+/// Number of missing views that are named: of an interrupted job, thousands may be missing.
+const MAX_NAMED: usize = 10;
+
 pub fn run(args: &Args) -> Result<Outcome> {
     let manifests = prepare(args)?;
     let first = &manifests[0];
@@ -69,8 +73,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     }
     say(format!("{} of {} views are present", found.len(), first.views.len()));
-    for (_, name) in &missing {
+    for (_, name) in missing.iter().take(MAX_NAMED) {
         say(format!("missing: {}", one_line(name)));
+    }
+    if let Some(more) = missing.len().checked_sub(MAX_NAMED).filter(|more| *more > 0) {
+        say(format!("missing: {} more", grouped(more as u64)));
     }
     if !found.is_empty() {
         let missing: Vec<usize> = missing.iter().map(|(view, _)| *view).collect();
