@@ -73,7 +73,6 @@ fn the_truth_can_be_pictures_of_a_folder_and_mistakes_are_told_before_anything_i
         &short,
         &[
             ("nothing", 2, "expected a prefix of one of these settings' names"),
-            ("digit_bits", 2, "`digit_bits` is not measured: its declaration has no `exact` value"),
             ("defaults --truth missing", 1, "expected the picture one.npy, .exr, .png or .jpg in missing"),
             ("defaults --truth true --size 32x32", 1, "expected 32 x 32 pixels"),
             ("defaults --truth upper --size 32x32", 1, "one.PNG: expected 32 x 32 pixels"),

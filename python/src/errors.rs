@@ -62,10 +62,9 @@ pub fn study(py: Python<'_>, error: &StudyError) -> PyErr {
                 Err(error) => error,
             }
         }
-        StudyError::Input(_)
-        | StudyError::NoExactValue(_)
-        | StudyError::UnknownSetting { .. }
-        | StudyError::Metric(_) => PyValueError::new_err(error.to_string()),
+        StudyError::Input(_) | StudyError::UnknownSetting { .. } | StudyError::Metric(_) => {
+            PyValueError::new_err(error.to_string())
+        }
         error => Error::new_err(error.to_string()),
     }
 }

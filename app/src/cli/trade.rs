@@ -30,9 +30,9 @@ use std::path::{Path, PathBuf};
 /// Draws the scene with every parameter at its exact value, then with one parameter changed at a time, with the graph's
 /// defaults, and with every preset. Each picture is compared with the truth: the exact renderer's picture (`render
 /// --backend reference`), or a picture of --truth. Frames are interleaved with frames of the exact settings, so that a
-/// change of the device's clock affects both. A parameter whose declaration has no `exact` value keeps its default. A
-/// parameter without an effect on the plan of the exact settings is not measured. A setting whose plan equals an
-/// earlier one is not measured either.
+/// change of the device's clock affects both. A parameter whose declaration has no `exact` value keeps its default,
+/// unless --only names it: its default then counts as exact. A parameter without an effect on the plan of the exact
+/// settings is not measured. A setting whose plan equals an earlier one is not measured either.
 ///
 /// The columns are the share of the exact settings' time, ± the farther end of its 99 % confidence interval; that share
 /// in milliseconds on the GPU, of the exact settings' time on a warm device, with the spread over the rounds; PSNR of
@@ -258,7 +258,6 @@ fn usage(error: StudyError) -> anyhow::Error {
             let known = known.join(", ");
             Usage(format!("--only {name}: expected a prefix of one of these settings' names: {known}")).into()
         }
-        StudyError::NoExactValue(_) => Usage(format!("--only: {error}")).into(),
         error => error.into(),
     }
 }

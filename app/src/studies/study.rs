@@ -188,9 +188,6 @@ pub enum StudyError {
     /// The inputs cannot be measured, for the given reason.
     #[error("{0}")]
     Input(String),
-    /// The parameter of a requested setting has no exact value.
-    #[error("`{0}` is not measured: its declaration has no `exact` value to compare other values with")]
-    NoExactValue(String),
     /// No setting has a name that begins with the given text.
     #[error("expected a prefix of one of these settings' names: {}; found `{name}`", known.join(", "))]
     UnknownSetting {

@@ -15,6 +15,7 @@ use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use splatgraph_api::{Compiled, Device};
 use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::ir::Param;
 use splatgraph_framework::lower::Control;
 use splatgraph_reference::PictureMemoryError;
 use std::collections::{BTreeSet, HashSet};
@@ -254,13 +255,16 @@ fn only(wanted: &Wanted, setting: &str) -> bool {
 
 /// Lists all settings of the graph, the exact ones first, and checks the prefixes of [`Wanted::only`].
 fn chosen(wanted: &Wanted, controls: &[Control]) -> Result<Vec<Setting>, StudyError> {
-    let all = settings::measured(&wanted.pipeline, &wanted.set, controls);
+    let mut controls = controls.to_vec();
+    for Param { name, exact, value, .. } in controls.iter_mut().map(|control| &mut control.param) {
+        // The exact value of a new method is seldom known, so a parameter that is asked for is compared with its value.
+        if exact.is_none() && wanted.only.iter().any(|only| only.split(' ').next() == Some(name.as_str())) {
+            *exact = Some(value.clone());
+        }
+    }
+    let all = settings::measured(&wanted.pipeline, &wanted.set, &controls);
     for name in &wanted.only {
         if !all.iter().any(|setting| setting.name.starts_with(name.as_str())) {
-            let is_named = |control: &&Control| control.param.name == name.split(' ').next().unwrap_or(name);
-            if controls.iter().find(is_named).is_some_and(|control| control.param.exact.is_none()) {
-                return Err(StudyError::NoExactValue(name.clone()));
-            }
             let known = all.into_iter().map(|setting| setting.name).collect();
             return Err(StudyError::UnknownSetting { name: name.clone(), known });
         }
