@@ -75,7 +75,7 @@ mod view;
 mod walk;
 mod window_graph;
 
-/// Returns the modules and tests of a file behind `#[cfg(target_os = "linux")]`.
+/// Returns the names of the modules and tests behind `#[cfg(target_os = "linux")]` in a file's text.
 fn left_out_elsewhere(text: &str) -> Vec<&str> {
     let (mut attributes, mut found) = (Vec::new(), Vec::new());
     for line in text.lines() {

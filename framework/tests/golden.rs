@@ -260,7 +260,8 @@ const NOT_SHOWN: &[&str] = &[
     "shader/reflect/",
 ];
 
-/// Collects the messages in a file's string literals: those with a space, outside of attributes, assertions and tests.
+/// Collects the messages in a file's string literals: those with a space, outside of attributes, assertions, panics,
+/// spans and tests.
 fn sentences(tokens: TokenStream, found: &mut Vec<String>) {
     let mut tokens = tokens.into_iter().peekable();
     // True after a name such as `expect` or `assert`: the next group has no message for users.
@@ -307,7 +308,7 @@ fn sentences(tokens: TokenStream, found: &mut Vec<String>) {
     }
 }
 
-/// Returns true if a line contains the pieces of a format string, in order.
+/// Returns true if a line contains the texts between the placeholders of a format string, in order.
 fn is_in(line: &str, sentence: &str) -> bool {
     let escaped = sentence.replace("{{", "\u{1}").replace("}}", "\u{2}");
     let pieces = escaped.split('{').enumerate().map(|(i, piece)| match i {

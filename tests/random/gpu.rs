@@ -143,7 +143,7 @@ fn is_too_strict(message: &str) -> bool {
     message.contains("SYNC-HAZARD-WRITE-AFTER-WRITE") && (change || message.contains("vkQueueSubmit2"))
 }
 
-/// Returns an inspection of every buffer and image that the frame writes, after its last writer.
+/// Returns an inspection of every transient buffer and image that the frame writes, after its last writer.
 fn inspections(plan: &Plan) -> Vec<Inspect> {
     let ids = (0..plan.resources.len() as u32).map(ResourceId);
     let own = ids.filter(|id| plan.resource(*id).source == Source::Transient);

@@ -29,7 +29,8 @@ pub fn orders(plan: &Plan, most: usize) -> Vec<Vec<PassId>> {
     found
 }
 
-/// Extends `order` by each pass whose predecessors are in it, recursively; adds complete orders to `found`.
+/// Extends `order` by each pass whose predecessors are in it, recursively; adds complete orders to `found` until it has
+/// `most`.
 fn extend(
     frame: &[PassId],
     before: &[Vec<usize>],

@@ -482,7 +482,8 @@ fn head(sketch: &Sketch, pass: &Pass, slots: &[&Slot], mut lines: String, mut bo
 
 /// Returns statements that mix the pass's inputs into `h`.
 ///
-/// They read one element of each input, which depends on `index`; with `all`, every 128th element from `index` on.
+/// They read one element of each input, which depends on `index` and the shader's `c`; with `all`, every 128th element
+/// from `index` on.
 fn mix_reads(sketch: &Sketch, slots: &[&Slot], index: &str, all: bool) -> String {
     let mut text = String::new();
     for slot in slots.iter().filter(|slot| !slot.bind.writes) {

@@ -117,7 +117,7 @@ impl Monkey {
         }
     }
 
-    /// Returns true if a planned press of the pointer is within a tool that floats over others.
+    /// Returns true if a planned press or release of the pointer is within a tool that floats over others.
     fn hits_floating_tool(&self) -> bool {
         let floats = self.viewer.shell.panels.controls.iter().filter(|(name, _)| name.starts_with("float:"));
         let floats: Vec<Rect> = floats.map(|(_, rect)| rect).collect();

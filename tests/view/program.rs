@@ -102,7 +102,8 @@ impl Program {
         )
     }
 
-    /// Waits for an event that satisfies `is_it`, after the first `since` events; returns it.
+    /// Waits for an event that satisfies `is_it`, after the first `since` events; returns it. Fails if the program ends
+    /// first, or after [`PATIENCE`].
     pub fn until(&mut self, since: usize, what: &str, is_it: impl Fn(&Value) -> bool) -> Value {
         let begun = Instant::now();
         let mut next = since;

@@ -229,7 +229,7 @@ impl Soak {
         soak
     }
 
-    /// Performs an action every few frames, up to frame `end`.
+    /// Performs a random action every 1 to 5 frames, at least up to frame `end`.
     fn disturb(&mut self, end: u64) {
         while self.viewer.calls < end {
             let deed = self.dice.weighted(&DEEDS);

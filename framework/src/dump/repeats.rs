@@ -85,7 +85,8 @@ pub fn find(passes: &mut [DumpPass]) -> Vec<DumpRepeat> {
     repeats
 }
 
-/// Makes a name unique: `sort`, or `sort (2)` if `sort` exists. `taken` maps each name so far to the next number.
+/// Makes a name unique: `sort`, or `sort (2)` if `sort` exists. `taken` maps each name so far to the next number, and
+/// gets the new name.
 fn unique(wanted: String, taken: &mut HashMap<String, u32>) -> String {
     let mut name = wanted.clone();
     while taken.contains_key(&name) {

@@ -179,7 +179,7 @@ fn forget_overwritten(passes: &[&LinkedPass], lowered: &mut Lowered) {
     }
 }
 
-/// Returns true if a pass is known to overwrite a resource completely, without reading it.
+/// Returns true if a pass that uses a resource is known to overwrite it completely, without reading it.
 fn writes_all(pass: &LinkedPass, resource: ResourceId) -> bool {
     let mut uses = pass.pass.uses.iter().filter(|touch| touch.resource == resource);
     let fills = matches!(pass.pass.work, Work::Fill { .. });

@@ -48,7 +48,7 @@ impl Order {
 }
 
 impl Pipelines {
-    /// Creates a plan's pipelines; calls `next` before each.
+    /// Creates a plan's pipelines and fences; calls `next` before each pipeline, and stops at its error.
     pub(crate) fn new(
         gpu: &MetalGpu,
         plan: &Plan,

@@ -79,7 +79,9 @@ impl splatgraph_runtime::Swapchain<MetalGpu> for Swapchain {
 }
 
 impl Swapchain {
-    /// Records the draw of the output, and presents the drawable after it.
+    /// Records the draw of the output into the drawable, then the drawable's presentation. Returns the commands to commit.
+    ///
+    /// Uses up the output and the drawable; fails if one is missing.
     ///
     /// The draw takes part in the export's order: it waits for the export's fences and updates them. If there are none,
     /// it waits for the frame's event.

@@ -190,7 +190,7 @@ impl<'a> Walk<'a> {
         ordering(self.plan, pass).filter_map(need).collect()
     }
 
-    /// Returns the waits that an encoder needs: one per need, except those that another wait implies.
+    /// Adds the waits that an encoder needs: one per need, except those that another wait implies. Returns them sorted.
     fn reduce(&mut self, needs: &[Need], instance: usize) -> Vec<Edge> {
         let edge = |need: &Need| Edge { source: need.instance, after: need.after, before: need.before };
         let mut all: Vec<Edge> = needs.iter().map(edge).collect();
@@ -257,7 +257,8 @@ fn add_reasons(reasons: &mut Vec<(At, Cause)>, encoder: &Ordered, at: impl Fn(Po
     }
 }
 
-/// Adds a dependency to the reasons of a wait or barrier, merged with a reason that differs only in the earlier passes.
+/// Adds a dependency to the reasons of a wait or barrier. It is merged with a reason that differs only in the earlier
+/// passes, or in a write after a write in place of a read after it.
 fn add_reason(reasons: &mut Vec<(At, Cause)>, at: At, dependency: &Dependency) {
     let Dependency { hazard, first, second, since, resource, alias, .. } = *dependency;
     let previous_frame = since == Since::PreviousFrame;

@@ -29,7 +29,7 @@ use crate::source::{Content, Wanted};
 use subject::{Patience, Subject};
 use symlink_path::Walk;
 
-/// Time between a file's last write and the report of the change.
+/// Time for which a changed file must stay the same before it is reported.
 pub const QUIET: Duration = Duration::from_millis(20);
 /// Maximum time until a file that keeps changing is reported.
 pub const MOVING: Duration = Duration::from_secs(1);

@@ -112,7 +112,8 @@ impl Subject {
         self.glance = Some(Glance { stamp, content });
     }
 
-    /// Updates the pending difference from the last look. `noticed` is the time of the event or timeout that caused it.
+    /// Updates the pending difference according to the last look; does nothing before the first look. `noticed` is the
+    /// time of the event or timeout that caused the look.
     pub fn weigh(&mut self, noticed: Instant, now: Instant) {
         let Some(glance) = self.glance else { return };
         if glance.content == self.told {
@@ -145,7 +146,7 @@ impl Subject {
         Some(Difference { first_seen, gone, due })
     }
 
-    /// Marks the difference as reported. Returns the file's contents.
+    /// Marks a pending difference as reported. Returns the contents last built or reported.
     pub fn announce(&mut self) -> Content {
         if let Some(pending) = self.pending.take() {
             (self.told, self.announced) = (pending.glance.content, true);

@@ -72,7 +72,7 @@ impl Encoder {
         self.order_by_event();
     }
 
-    /// Orders all earlier commands of the command buffer before all later ones, by an event.
+    /// Orders all earlier commands of the command buffer before all later ones, by an event. No encoder may be open.
     fn order_by_event(&mut self) {
         let (event, value) = &mut self.order_event;
         *value += 1;
