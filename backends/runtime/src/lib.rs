@@ -68,4 +68,4 @@ pub use loader::{Loader, Ready};
 pub use lock::lock;
 pub use messages::Messages;
 pub use pipelines::abandoned_compilers;
-pub use states::{BlendFactor, BlendFactors, PipelineState, PipelineStates, position_or_push};
+pub use states::{BlendFactor, BlendFactors, PipelineState, PipelineStates};

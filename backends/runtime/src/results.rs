@@ -12,7 +12,8 @@
 use crate::attributes::{self, PlaneKey};
 use crate::gpu::{Buffer, Gpu};
 use crate::lock::lock;
-use crate::usage::usage;
+use crate::states::position_or_push;
+use crate::usage::{touched, usage};
 use splatgraph_framework::{ir::*, plan::*};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, Weak};
@@ -20,7 +21,7 @@ use std::sync::{Arc, Mutex, Weak};
 /// Everything that a result's bytes depend on. Resources are numbered in order of first appearance.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Recipe {
-    result: usize,
+    result: ResourceId,
     resources: Vec<Ingredient>,
     steps: Vec<RecipeStep>,
 }
@@ -33,17 +34,12 @@ enum Ingredient {
 
 #[derive(Clone, Debug, PartialEq)]
 struct RecipeStep {
-    command: Command,
+    /// A dispatch of shader 0, whose code is `spirv`, or a fill.
+    work: Work,
+    spirv: Option<Arc<Vec<u32>>>,
     /// Binding, element, kind and resource.
-    bindings: Vec<(u32, u32, DescriptorKind, usize)>,
+    bindings: Vec<(u32, u32, DescriptorKind, ResourceId)>,
     push: Vec<u8>,
-}
-
-#[derive(Clone, Debug, PartialEq)]
-enum Command {
-    Dispatch { spirv: Arc<Vec<u32>>, groups: [u32; 3] },
-    DispatchIndirect { spirv: Arc<Vec<u32>>, arguments: usize, offset: u64 },
-    Fill { buffer: usize, value: u32 },
 }
 
 pub(crate) type Recipes = BTreeMap<ResourceId, Arc<Recipe>>;
@@ -85,19 +81,6 @@ struct Prologue<'a> {
     plan: &'a Plan,
     writers: BTreeMap<ResourceId, Vec<PassId>>,
     written_later: BTreeSet<ResourceId>,
-}
-
-/// Lists a pass's resources, each with true if it is written; some appear more than once.
-fn touched(pass: &Pass) -> impl Iterator<Item = (ResourceId, bool)> + '_ {
-    let uses = pass.uses.iter().map(|used| (used.resource, used.accesses.writes()));
-    let bound = pass.bindings.iter().map(|binding| (binding.resource, false));
-    let own = match pass.work {
-        Work::Fill { buffer, .. } => Some((buffer, true)),
-        Work::ClearHistory { resource } => Some((resource, true)),
-        Work::Dispatch { groups: Groups::Indirect { buffer, .. }, .. } => Some((buffer, false)),
-        _ => None,
-    };
-    uses.chain(bound).chain(own)
 }
 
 impl<'a> Prologue<'a> {
@@ -146,30 +129,24 @@ impl<'a> Prologue<'a> {
             }
         }
         let mut numbers: Vec<ResourceId> = Vec::new();
-        let mut number = |id: ResourceId| {
-            numbers.iter().position(|known| *known == id).unwrap_or_else(|| {
-                numbers.push(id);
-                numbers.len() - 1
-            })
-        };
+        let mut number = |id| ResourceId(position_or_push(&mut numbers, id) as u32);
         let mut steps = Vec::new();
         for pass in plan.prologue.iter().copied().filter(|pass| passes.contains(pass)) {
             let pass = plan.pass(pass);
-            let command = match pass.work {
+            let (mut work, mut spirv) = (pass.work.clone(), None);
+            match &mut work {
                 Work::Dispatch { shader, groups } => {
-                    let spirv = plan.shader(shader).spirv.clone();
-                    match groups {
-                        Groups::Direct(groups) => Command::Dispatch { spirv, groups },
-                        Groups::Indirect { buffer, offset } => {
-                            Command::DispatchIndirect { spirv, arguments: number(buffer), offset }
-                        }
+                    spirv = Some(plan.shader(*shader).spirv.clone());
+                    *shader = ShaderId(0);
+                    if let Groups::Indirect { buffer, .. } = groups {
+                        *buffer = number(*buffer);
                     }
                 }
-                Work::Fill { buffer, value } => Command::Fill { buffer: number(buffer), value },
+                Work::Fill { buffer, .. } => *buffer = number(*buffer),
                 _ => return None,
-            };
+            }
             let bindings = pass.bindings.iter().map(|b| (b.binding, b.element, b.kind, number(b.resource)));
-            steps.push(RecipeStep { command, bindings: bindings.collect(), push: pass.push.clone() });
+            steps.push(RecipeStep { work, spirv, bindings: bindings.collect(), push: pass.push.clone() });
         }
         let result = number(result);
         let ingredient = |id: &ResourceId| {

@@ -1,6 +1,6 @@
-//! Determines the uses for which buffers and images are created.
+//! Determines the uses for which buffers and images are created, and lists those that a pass makes of them.
 
-use splatgraph_framework::ir::{Shape, Source, Usage};
+use splatgraph_framework::ir::{Groups, Pass, ResourceId, Shape, Source, Usage, Work};
 use splatgraph_framework::plan::Resource;
 
 /// Returns the uses with which a resource's buffer or image is created. They always include copies from it, so that any
@@ -19,6 +19,19 @@ pub(crate) fn usage(resource: &Resource) -> Usage {
         Source::Readback => Usage::COPY_TARGET | Usage::COPY_SOURCE,
     };
     base | resource.usage & BUFFER
+}
+
+/// Lists a pass's resources, each with true if it is written; some appear more than once.
+pub(crate) fn touched(pass: &Pass) -> impl Iterator<Item = (ResourceId, bool)> + '_ {
+    let uses = pass.uses.iter().map(|used| (used.resource, used.accesses.writes()));
+    let bound = pass.bindings.iter().map(|binding| (binding.resource, false));
+    let own = match pass.work {
+        Work::Fill { buffer, .. } => Some((buffer, true)),
+        Work::ClearHistory { resource } => Some((resource, true)),
+        Work::Dispatch { groups: Groups::Indirect { buffer, .. }, .. } => Some((buffer, false)),
+        _ => None,
+    };
+    uses.chain(bound).chain(own)
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 //! for every frame. The maximum is checked with each frame (`host_buffers`).
 
 use super::{Checker, invalid};
+use crate::usage::touched;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::*;
 
@@ -21,13 +22,7 @@ impl Checker<'_> {
                 ));
             }
         }
-        let filled = match pass.work {
-            Work::Fill { buffer, .. } => Some(buffer),
-            Work::ClearHistory { resource } => Some(resource),
-            _ => None,
-        };
-        let touched = pass.uses.iter().filter(|touch| touch.accesses.writes());
-        for id in touched.map(|touch| touch.resource).chain(filled) {
+        for (id, _) in touched(pass).filter(|(_, writes)| *writes) {
             if let Some(name) = given(id) {
                 return invalid(format!(
                     "pass `{}` writes to `{name}`, which comes with the frame and is only read",

@@ -325,7 +325,6 @@ impl<'a> Checker<'a> {
     }
 
     fn bindings(&self, pass: &Pass) -> Result<(), BackendError> {
-        let (mut storage, mut uniform, mut images) = (0u32, 0u32, 0u32);
         for binding in &pass.bindings {
             let resource = self.resources(binding.resource, &pass.name)?;
             if is_image(resource) != (binding.kind == DescriptorKind::StorageImage) {
@@ -334,27 +333,22 @@ impl<'a> Checker<'a> {
                     pass.name, resource.name, binding.name, binding.kind
                 ));
             }
-            let (count, most) = match binding.kind {
-                DescriptorKind::StorageBuffer => (&mut storage, self.limits.facts.max_storage_bytes),
-                DescriptorKind::UniformBuffer => (&mut uniform, self.limits.max_uniform_bytes),
-                DescriptorKind::StorageImage => (&mut images, u64::MAX),
+            let (kind, most) = match binding.kind {
+                DescriptorKind::StorageBuffer => ("storage buffer", self.limits.facts.max_storage_bytes),
+                DescriptorKind::UniformBuffer => ("uniform block", self.limits.max_uniform_bytes),
+                DescriptorKind::StorageImage => continue,
             };
-            *count += 1;
-            let what = || {
-                let kind = match binding.kind {
-                    DescriptorKind::UniformBuffer => "uniform block",
-                    _ => "storage buffer",
-                };
-                format!("the size of `{}`, bound as a {kind} by pass `{}`", resource.name, pass.name)
-            };
+            let what =
+                || format!("the size of `{}`, bound as a {kind} by pass `{}`", resource.name, pass.name);
             within_bytes(what, resource.bytes(), most)?;
         }
-        for (count, most, kind) in [
-            (storage, self.limits.max_storage_buffers, "storage buffers"),
-            (uniform, self.limits.max_uniform_buffers, "uniform blocks"),
-            (images, self.limits.max_storage_images, "storage images"),
+        for (kind, most, kinds) in [
+            (DescriptorKind::StorageBuffer, self.limits.max_storage_buffers, "storage buffers"),
+            (DescriptorKind::UniformBuffer, self.limits.max_uniform_buffers, "uniform blocks"),
+            (DescriptorKind::StorageImage, self.limits.max_storage_images, "storage images"),
         ] {
-            within_count(|| format!("the number of {kind} bound by pass `{}`", pass.name), count, most)?;
+            let count = pass.bindings.iter().filter(|binding| binding.kind == kind).count() as u64;
+            within_count(|| format!("the number of {kinds} bound by pass `{}`", pass.name), count, most)?;
         }
         Ok(())
     }
