@@ -117,7 +117,7 @@ pub struct Memory {
     pub(crate) bytes: u64,
     pub(crate) mapped: Vec<u8>,
     pub(crate) used: Arc<AtomicU64>,
-    pub(crate) owned: Owned,
+    _owned: Owned,
 }
 
 impl splatgraph_runtime::Memory<NullGpu> for Memory {
@@ -132,7 +132,7 @@ impl splatgraph_runtime::Memory<NullGpu> for Memory {
             let reason = "a fault prevents the allocation".to_string();
             return Err(BackendError::OutOfMemory { name, bytes, reason });
         }
-        let owned = gpu.journal.create(Object::Memory, &name);
+        let _owned = gpu.journal.create(Object::Memory, &name);
         gpu.journal.call(Call::Allocate { name, bytes, location });
         gpu.used.fetch_add(bytes, Ordering::Relaxed);
         let mapped = match location {
@@ -140,7 +140,7 @@ impl splatgraph_runtime::Memory<NullGpu> for Memory {
             Location::Readback => gpu.read.to_le_bytes().into_iter().cycle().take(bytes as usize).collect(),
             _ => vec![0; bytes as usize],
         };
-        Ok(Memory { bytes, mapped, used: gpu.used.clone(), owned })
+        Ok(Memory { bytes, mapped, used: gpu.used.clone(), _owned })
     }
 
     fn bytes(&self) -> u64 {
@@ -219,14 +219,7 @@ impl splatgraph_runtime::Bindings<NullGpu> for Bindings {
             BindingTarget::Buffer(buffer, bytes) => (&buffer.raw, Some(bytes.end - bytes.start)),
             BindingTarget::Image(image) => (&image.raw, None),
         };
-        gpu.journal.call(Call::WriteBinding {
-            pass: name.clone(),
-            copy,
-            block: binding.name.clone(),
-            kind: binding.kind,
-            target: object.name.clone(),
-            bytes,
-        });
+        gpu.journal.call(Call::WriteBinding { pass: name.clone(), copy, target: object.name.clone(), bytes });
         if let Some(copies) = self.passes.get_mut(&pass) {
             copies[copy].insert((binding.binding, binding.element), object.number);
         }

@@ -1,7 +1,7 @@
 //! Records every call, the live objects, and the submissions in flight.
 
 use crate::fault::{Fault, Point};
-use splatgraph_framework::ir::{DescriptorKind, Layout};
+use splatgraph_framework::ir::Layout;
 use splatgraph_runtime::{Location, Messages, lock};
 use std::collections::{BTreeMap, HashSet};
 use std::ops::Range;
@@ -48,16 +48,9 @@ pub enum Call {
         bytes: u64,
         location: Location,
     },
-    Bind {
-        object: Object,
-        name: String,
-        memory: String,
-    },
     WriteBinding {
         pass: String,
         copy: usize,
-        block: String,
-        kind: DescriptorKind,
         target: String,
         bytes: Option<u64>,
     },
