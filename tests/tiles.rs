@@ -296,7 +296,7 @@ fn pictures_wider_than_256_bins_have_larger_ones() {
     }
 }
 
-/// Returns the length of segments that the rasteriser of `tiled` has.
+/// Plans `tiled`, with an extra output if `output` names one. Returns the segment length, `SEGMENT_ENTRIES`.
 fn segment(device: DeviceFacts, size: (u32, u32), output: Option<&str>, set: &[(&str, &str)]) -> String {
     let mut facts = facts::facts(&SceneFacts::NOMINAL, &device, size);
     facts.host.extend(output.map(|name| (format!("outputs.{name}"), Value::Bool(true))));

@@ -189,7 +189,7 @@ impl Server {
         server
     }
 
-    /// Sends messages at once.
+    /// Sends messages in one write.
     fn send(&mut self, messages: &[Value]) {
         let framed = |message: &Value| {
             let message = message.to_string();
@@ -231,7 +231,7 @@ fn notification(method: &str, params: Value) -> Value {
     json!({ "jsonrpc": "2.0", "method": method, "params": params })
 }
 
-/// Makes a graph. Returns its URI and its text.
+/// Creates `my.ron` from the template `compute`. Returns its URI and its text.
 fn graph_to_edit(place: &Place) -> (String, String) {
     place.done("new my.ron --from compute");
     let file = place.at("my.ron").canonicalize().expect("there");

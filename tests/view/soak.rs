@@ -10,9 +10,8 @@
 //! - **No frame is lost.** Every requested frame draws one of A once A has a plan, and one of B if B is shown and has a
 //!   plan, whatever is being built, broken or resized meanwhile. This includes windows of size 0: the pictures keep
 //!   their former size.
-//! - In the reference state, the device's memory has the same bytes each time, and the pictures the same pixels.
-//! - The process's memory does not grow: see [`check_growth`].
-//! - The numbers of its open files and of its threads do not grow.
+//! - In the reference state, the pictures have the same pixels each time.
+//! - The memory of the device and of the process, its open files and its threads do not grow: see [`check_growth`].
 //!
 //! `SPLATGRAPH_LONG` runs 10,000 frames, and the test prints each reference state.
 //! `SPLATGRAPH_SOAK_BARE` leaves the validation layers out, and so their memory.

@@ -22,7 +22,8 @@ pub struct Walked {
 #[derive(Debug)]
 struct Divided {
     encoders: Encoders,
-    /// For each pass, the index of its encoder, counted through prologue and frame, and its index in the encoder.
+    /// For each pass, the index of its encoder, counted through prologue and frame, and its index in the encoder;
+    /// `None` if it is in no encoder.
     places: Vec<Option<(usize, usize)>>,
     /// For each fence, true if a submitted frame has updated it.
     updated: Vec<bool>,

@@ -37,8 +37,9 @@ pub struct DeviceFacts {
 }
 
 impl DeviceFacts {
-    /// Returns facts for plans without a device: the limits of a common desktop GPU, and all features, so that no graph
-    /// is refused. A device with another subgroup size refuses the plan if a shader uses subgroup operations.
+    /// Returns facts for plans without a device: the limits of a common desktop GPU, and all features.
+    ///
+    /// A device with another subgroup size refuses the plan if a shader uses subgroup operations.
     pub fn typical(subgroup_size: u32) -> DeviceFacts {
         DeviceFacts {
             subgroup_size,

@@ -263,7 +263,7 @@ impl Soak {
         }
     }
 
-    /// Returns a position over the picture, in points.
+    /// Returns a random position in the view, in points; `None` if the view is not shown.
     fn somewhere(&mut self) -> Option<Pos2> {
         let view = self.viewer.shell.panels.controls.find("view")?;
         let (x, y) = (self.dice.share() as f32, self.dice.share() as f32);

@@ -233,7 +233,8 @@ pub(crate) fn function(library: &LibraryRef, name: &str) -> Result<Function, Bac
         .map_err(|answer| BackendError::Api { call: "newFunctionWithName", answer })
 }
 
-/// Creates a kernel's pipeline for threadgroups of `threads` threads. Also returns the lanes of its SIMD groups.
+/// Creates a kernel's pipeline for threadgroups of `threads` threads; fails if the device allows fewer. Also returns
+/// the lanes of its SIMD groups.
 pub(crate) fn kernel(
     device: &DeviceRef,
     function: &FunctionRef,

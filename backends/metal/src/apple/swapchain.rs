@@ -79,7 +79,8 @@ impl splatgraph_runtime::Swapchain<MetalGpu> for Swapchain {
 }
 
 impl Swapchain {
-    /// Records the draw of the output into the drawable, then the drawable's presentation. Returns the commands to commit.
+    /// Records the draw of the output into the drawable, then the drawable's presentation. Returns the commands to
+    /// commit.
     ///
     /// Uses up the output and the drawable; fails if one is missing.
     ///
