@@ -40,7 +40,7 @@ pub fn picture(session: &mut Session, camera: &Camera, background: [f32; 3]) -> 
     image_of(&frame(session, camera, &request).output.expect("asked for")).expect("colours")
 }
 
-/// Draws another graph in an open session.
+/// Changes the graph of an open session, and draws it on black.
 pub fn drawn(session: &mut Session, camera: &Camera, graph: &str, set: &[(&str, &str)]) -> Image {
     session.set_graph(graph, &settings(set));
     picture(session, camera, [0.0; 3])

@@ -39,7 +39,8 @@ fn tracks(trace: &Value) -> BTreeMap<String, Vec<Span>> {
     tracks
 }
 
-/// Fails if spans of a track overlap without nesting; returns the total time of the outermost spans.
+/// Fails if spans of a track, sorted by their beginnings, overlap without nesting. Returns the total time of the
+/// outermost spans.
 fn nested_time(track: &str, spans: &[Span]) -> f64 {
     let mut around: Vec<&Span> = Vec::new();
     let mut time = 0.0;

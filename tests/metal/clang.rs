@@ -120,7 +120,8 @@ fn files(shaders: &[&Shader], parts: usize) -> (Vec<String>, HashMap<String, usi
     (files, known)
 }
 
-/// Compiles files in parallel. Returns the folder with the objects, and their names without an extension.
+/// Compiles files in parallel; panics on errors. Returns the folder with the objects, and their names without an
+/// extension.
 fn compile(files: Vec<String>, arguments: &[&str]) -> (tempfile::TempDir, Vec<String>) {
     let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
     let names: Vec<String> = (0..files.len()).map(|i| format!("part{i}")).collect();

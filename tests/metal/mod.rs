@@ -49,7 +49,7 @@ fn at_every_width_of_lavapipe(test: &str, body: impl FnOnce()) {
 }
 
 /// Translates the shaders of a plan. Plans share most of them, and translating takes most of these tests' time, so each
-/// shader is translated once.
+/// shader is translated once for each number of lanes.
 fn translated(mut plan: Plan) -> Plan {
     type Known = HashMap<(Arc<Vec<u32>>, u32), Arc<Msl>>;
     static KNOWN: Mutex<Option<Known>> = Mutex::new(None);

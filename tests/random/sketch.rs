@@ -513,7 +513,7 @@ fn is_final((of, half): Real, last: &[usize]) -> bool {
     }
 }
 
-/// Counts the passes in the file that write each resource. A pass in a repeat counts as several.
+/// Counts the passes in the file that write each resource. A pass in a repeat counts as two.
 fn count_writers(nodes: &[Node], passes: &[Pass], times: usize, writers: &mut BTreeMap<Target, usize>) {
     for node in nodes {
         match node {

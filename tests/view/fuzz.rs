@@ -157,7 +157,7 @@ impl Fuzz {
         *self.counted.entry((damage, what)).or_default() += 1;
     }
 
-    /// Draws until `who` has a new plan and is not building another.
+    /// Draws until the collected events have a new plan of `who`, and it is not building another.
     fn until_swapped(&mut self, who: RendererId, what: &str) {
         self.viewer.until(what, |viewer| {
             let swapped = |event: &Event| matches!(event, Event::Swapped { renderer: of, .. } if *of == who);

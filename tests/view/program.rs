@@ -306,7 +306,7 @@ impl Program {
         self.end_before(|| {})
     }
 
-    /// Like `end`, but calls `look` before its folder is removed.
+    /// Like `end`, but calls `look` before the program's folder is removed.
     pub fn end_before(mut self, look: impl FnOnce()) -> (ExitStatus, String) {
         let mut ended = None;
         comes(|| {

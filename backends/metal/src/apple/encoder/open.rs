@@ -130,7 +130,7 @@ impl Encoder {
         Some(encoder.clone())
     }
 
-    /// Returns the open render encoder; opens one with these targets if necessary.
+    /// Returns the open render encoder; opens one with these targets if necessary. `None` without a command buffer.
     pub(super) fn render<'a>(
         &mut self,
         targets: impl Iterator<Item = (&'a Target, &'a Image<MetalGpu>)>,
