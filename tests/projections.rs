@@ -106,7 +106,8 @@ fn every_projection_draws_splats_all_around_the_camera_as_the_exact_renderer_doe
 fn a_camera_with_its_principal_point_aside_draws_a_window_of_a_larger_picture() {
     const CORNER: [usize; 2] = [192, 64];
     let scene = around();
-    // The Jacobian of a pinhole is clamped relative to the picture. At this limit, splats beyond its edges hardly differ.
+    // The Jacobian of a pinhole is clamped relative to the picture. At this limit, splats beyond its edges hardly
+    // differ.
     let limit = ("jacobian_limit", "100");
     for projection in [Projection::Pinhole, Projection::Orthographic, Projection::Fisheye] {
         let whole = camera(projection, (384, 256));

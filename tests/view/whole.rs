@@ -56,7 +56,7 @@ pub struct TestShell {
 }
 
 impl TestShell {
-    /// Opens a viewer that draws `scene` (generator and number of splats) with `graph`, under synchronization validation.
+    /// Opens a viewer that draws `scene` (generator, number of splats) with `graph`, under synchronization validation.
     ///
     /// Both `graph` and the window's graph are from a copy of all shipped files.
     pub fn new(scene: (&str, u32), graph: &str, size: (u32, u32)) -> TestShell {

@@ -1,4 +1,5 @@
-//! A shader compiler in a separate process, for texts that crash it: the test program, running only the test that serves.
+//! A shader compiler in a separate process, for texts that crash it: the test program, running only the test that
+//! serves.
 
 use splatgraph_framework::shader::{Glslang, Limits, Worker, serve_if_asked};
 
