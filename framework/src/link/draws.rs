@@ -9,8 +9,8 @@ use crate::lower::LoweredPass;
 use crate::source::Diagnostic;
 
 impl Linker<'_> {
-    /// Checks that the vertex shader uses `gl_Position`, and that every input of the fragment shader is an output of
-    /// the vertex shader, of the same type. The two are compiled separately, so the compiler does not check this.
+    /// Checks that the vertex shader uses `gl_Position` and outputs every input of the fragment shader, by location and
+    /// type. The two are compiled separately, so the compiler does not check this.
     pub(super) fn interface(
         &mut self,
         (vertex, vertex_span): (ShaderId, Span),
@@ -145,9 +145,10 @@ fn output_type(format: Format, blend: Blend) -> &'static str {
     }
 }
 
-/// Returns true if an output of a type defines every channel of a target, and alpha, if blending reads it: Vulkan leaves
-/// channels that the type lacks undefined, and all channels if one side has integers and the other has floats. Surplus
-/// components are discarded.
+/// Returns true if an output of a type defines every channel of a target, and alpha, if blending reads it.
+///
+/// Vulkan leaves channels that the type lacks undefined, and all channels if one side has integers and the other has
+/// floats. Surplus components are discarded.
 fn fills(glsl_type: &str, format: Format, blend: Blend) -> bool {
     let (scalars, vectors) = match format {
         Format::R32Uint => (["uint", "uint16_t"], ["uvec", "u16vec"]),
@@ -159,7 +160,7 @@ fn fills(glsl_type: &str, format: Format, blend: Blend) -> bool {
     components.or_else(one).is_some_and(|components| components >= channels)
 }
 
-/// Returns the error for a target whose output is at another location, or of a type that does not define its channels.
+/// Returns the error for a target whose output is at another location, or does not fill it ([`fills`]).
 fn wrong_output(
     shader: &str,
     Varying { name, location, glsl_type, .. }: &Varying,

@@ -37,8 +37,8 @@ pub(super) struct Include {
 impl Sources {
     /// Finds and scans all texts. A missing file is not an error yet: an `#if` may disable its `#include`.
     ///
-    /// Fails if the files exceed a limit, if one has NUL or a non-ASCII character outside comments or a `#line`, or if
-    /// the shader is not declared GLSL 4.60.
+    /// Fails if the files exceed a limit, if one has a `#line`, or NUL or a non-ASCII character outside of comments, or
+    /// if the shader is not declared GLSL 4.60.
     pub fn gather(
         files: &mut SourceMap,
         request: &ShaderRequest,
@@ -129,7 +129,7 @@ impl Sources {
         self.scans().flat_map(|scan| &scan.macros).map(String::as_str).collect()
     }
 
-    /// Lists the names of the blocks and images that the units declare.
+    /// Lists the names of the blocks and images that the units declare, in any branch.
     pub fn bindings(&self) -> BTreeSet<String> {
         self.scans().flat_map(|scan| &scan.bindings).cloned().collect()
     }
@@ -217,7 +217,8 @@ impl Sources {
         Some(Diagnostic::new(message, span, "used here"))
     }
 
-    /// Locates the first name that a message quotes (`` `so` ``) and a unit contains; the shader's first line if none.
+    /// Locates the first name that a message quotes (`` `so` ``) and a unit contains. Without one, returns the shader's
+    /// first line.
     pub fn find_quoted(&self, message: &str) -> Span {
         for quoted in message.split('`').skip(1).step_by(2).filter(|quoted| !quoted.is_empty()) {
             for (index, unit) in self.units.iter().enumerate() {
