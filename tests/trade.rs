@@ -109,7 +109,7 @@ fn photographs_are_found_by_any_end_of_their_names_and_their_alpha_is_blended_ov
     place.refuses("", &[(&refused, 1, "expected a picture for each camera, found one for two cameras")]);
 }
 
-/// Returns a setting's measurements in the view of a camera.
+/// Returns a setting's measurements in the view of a camera; null if they failed. The ledger must have the row.
 fn found(place: &Place, folder: &str, setting: &str, camera: &str) -> Value {
     let ledger = place.json(&format!("{folder}/ledger.json"));
     let rows = ledger["rows"].as_array().expect("rows");

@@ -227,7 +227,7 @@ impl Plan {
         self.layout_changes.iter().filter(is_here)
     }
 
-    /// Lists the dependencies of a pass on earlier passes.
+    /// Lists the dependencies of a pass on passes before it: of the same frame, the prologue or the previous frame.
     pub fn dependencies_of(&self, pass: PassId) -> &[Dependency] {
         let from = self.dependencies.partition_point(|dependency| dependency.second < pass);
         let count = self.dependencies[from..].partition_point(|dependency| dependency.second == pass);

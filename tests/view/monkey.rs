@@ -127,7 +127,7 @@ impl Monkey {
         })
     }
 
-    /// Plans an action that must change no setting.
+    /// Plans or performs an action that must change no setting; returns its description.
     fn look(&mut self) -> String {
         match self.dice.below(9) {
             0 | 1 => {
@@ -172,7 +172,7 @@ impl Monkey {
         }
     }
 
-    /// Plans an action that may change settings.
+    /// Plans or performs an action that may change settings; returns its description.
     fn change(&mut self) -> String {
         let who = if self.dice.below(3) == 0 { RendererId::B } else { RendererId::A };
         match self.dice.below(12) {

@@ -84,7 +84,7 @@ impl Sketch {
         self.add("host", Run::Frame, Work::Host, &uses);
     }
 
-    /// Formats the encoders of the prologue, then those of the frame, one per line.
+    /// Formats the encoders of the prologue and those of the frame, each as one line without a line break.
     pub fn told(&self, division: Division) -> (Vec<String>, Vec<String>) {
         let encoders = encoders(&self.plan, division);
         let lines = |of: &[Encoding]| of.iter().map(|encoding| tell(&self.plan, encoding)).collect();
