@@ -257,7 +257,7 @@ pub fn standing(request: &Request, files: &mut SourceMap) -> Result<Standing, Ve
 pub struct Candidate {
     /// Name by which the innermost choice refers to the graph; without a choice, the request's name.
     pub name: String,
-    /// Unmet requirements of the graph, and of the choice for it.
+    /// Unmet requirements of the graph, of its presets and unconditional includes, and of the choice for it.
     pub unmet: Vec<Unmet>,
 }
 

@@ -435,7 +435,7 @@ pub enum PassDecl {
     Swap(String),
     /// Includes the passes of another graph, with its ports bound to resources of this one.
     Include {
-        /// Name of the included graph.
+        /// Name of the included graph, preset or choice.
         graph: String,
         /// Prefix for the names of the included graph's passes and resources.
         name: String,

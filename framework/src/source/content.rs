@@ -30,8 +30,8 @@ pub enum Content {
     },
 }
 
-/// A path that a build looked up, with its contents at that time. While all are unchanged, a build gives the same
-/// result.
+/// A path that a build looked up, with its contents at that time. While no path's contents change, a build gives the
+/// same result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Wanted {
     /// The path as opened: absolute, or relative to the working directory.

@@ -28,7 +28,7 @@ pub struct Diagnostic {
 }
 
 impl Diagnostic {
-    /// Creates a diagnostic at `span`, with `label` shown under it (empty for none).
+    /// Creates a diagnostic at `span`, with `label` shown under it (empty for none). Overlong names are shortened.
     pub fn new(message: impl Into<String>, span: Span, label: impl Into<String>) -> Self {
         let primary = Label { span, text: clipped(label.into()) };
         Diagnostic { message: clipped(message.into()), primary, secondary: Vec::new(), help: Vec::new() }

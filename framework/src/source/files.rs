@@ -292,7 +292,7 @@ impl SourceMap {
         FileId(self.files.len() as u32 - 1)
     }
 
-    /// Looks up one spelling of a name.
+    /// Looks up one spelling of a name; `None` if no file has it. Adds the paths to `tried`, for messages.
     fn find_spelling(
         &mut self,
         from: Option<FileId>,

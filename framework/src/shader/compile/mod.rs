@@ -68,7 +68,8 @@ impl Glslang {
     }
 
     /// Returns a compiler with an empty cache that runs in a separate process. This contains crashes, and limits memory
-    /// and time. The process starts with the first compilation and ends when this value is dropped.
+    /// and time. The process starts with the first compilation, and with the next after it ended; it ends at the latest
+    /// when this value is dropped.
     pub fn in_worker(worker: Worker) -> Self {
         Glslang { worker: Some(worker::Parent::new(worker)), ..Glslang::default() }
     }
