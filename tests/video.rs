@@ -225,8 +225,8 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
         &[
             ("film.mp4", 2, no_encoder),
             ("film.gif --format=png", 2, "--format is for the pictures of a folder"),
-            ("rgba=film.apng", 2, "expected a film, found the output `rgba`"),
             ("film.gif --shutter=0.5", 2, "--samples"),
+            ("rgba=film.apng", 2, "expected a film, found the output `rgba`"),
             ("film.gif --orbit=4", 2, "cannot be used with"),
             ("cameras.json/x.gif", 2, "which cannot be written: Not a directory"),
             ("scene.ply", 2, "found .ply; other formats need an encoder: `-o - | ffmpeg -i - FILM`"),

@@ -213,8 +213,8 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         return Err(Usage(text).into());
     };
     if let Renderer::Device(_) = args.backend {
-        // A photograph is no picture of another projection, so pinholes are not converted. A graph's errors are reported
         projection::shared(&chosen.iter().map(|view| view.camera.clone()).collect::<Vec<_>>())?;
+        // A photograph is no picture of another projection, so pinholes are not converted. A graph's errors are reported
         // when it is built.
         let graph = projection::of_graph(&args.pipeline, &args.set);
         let other = |graph| chosen.iter().find(|view| view.camera.projection != graph).zip(Some(graph));

@@ -14,8 +14,8 @@ use crate::draw::animation::background_note;
 use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
 use crate::draw::film::{self, DrawOptions, Film, Motion};
 use crate::draw::orbit::{self, Orbit};
-use crate::draw::projection;
 use crate::draw::outputs::{NAMES, RGBA};
+use crate::draw::projection;
 use crate::draw::session::Session;
 use crate::io::film::{Format, Rate};
 use crate::io::image;
@@ -25,13 +25,13 @@ use crate::io::progress::Progress;
 use crate::io::report::text;
 use crate::studies::measurement::plans;
 use anyhow::{Context, Result, anyhow, bail};
-use sequence::Sequence;
 use clap::builder::{OsStringValueParser, TypedValueParser};
+use sequence::Sequence;
 use serde_json::json;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Projection, Scene, grouped};
-use std::path::{Path, PathBuf};
 use std::ffi::OsString;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 const EXAMPLES: &str = "Examples:
@@ -100,7 +100,6 @@ const MAX_FRAMES: u32 = 100_000;
 /// Default shutter time, as a fraction of the frame time: a 180-degree shutter.
 const SHUTTER: f64 = 0.5;
 
-fn seconds(text: &str) -> Result<f64, String> {
 /// Parses the path of a film. `NAME=FILE` with an output of `render` is refused: films have only their pictures.
 fn film_path(text: OsString) -> Result<PathBuf, String> {
     let name = text.to_str().and_then(|text| text.split_once('=')).map(|(name, _)| name);
@@ -115,6 +114,7 @@ fn film_path(text: OsString) -> Result<PathBuf, String> {
     }
 }
 
+fn seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|seconds| SECONDS.contains(seconds));
     seconds.ok_or_else(|| format!("expected {} to {} seconds", SECONDS.start(), SECONDS.end()))
 }
@@ -242,8 +242,8 @@ fn check_keys(args: &Args, keys: &[Camera]) -> Result<()> {
 /// odd width or height get one pixel more, unless a size was requested.
 fn motion(
     args: &Args,
-    keys: Option<&[Camera]>,
     even: bool,
+    keys: Option<&[Camera]>,
     scene: &Scene,
     own: Option<Camera>,
     graph: Projection,
@@ -311,7 +311,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
         (0..frames).filter_map(|frame| film.cameras(frame).into_iter().next()).collect();
     let first = cameras.first().context("a film without a camera")?;
     let size = (first.width, first.height);
-    cameras::tell_shape(&[first.projected(graph, session.scene())]);
     let own = keys.as_deref().unwrap_or_default().first().filter(|_| even && args.drawing.size.is_none());
     if let Some(own) = own.filter(|own| own.width % 2 + own.height % 2 > 0) {
         say(format!(
@@ -319,6 +318,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             size.0, size.1, own.width, own.height
         ));
     }
+    cameras::tell_shape(&[first.projected(graph, session.scene())]);
     prepare_plan(&mut session, first)?;
     let note = session.plan().and_then(|plan| background_note(plan, args.background));
     session.settings_without_effect().iter().chain(&note).for_each(say);
