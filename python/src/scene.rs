@@ -13,6 +13,16 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+fn warn(py: Python<'_>, text: &str) -> PyResult<()> {
+    PyErr::warn(py, &py.get_type::<PyUserWarning>(), &CString::new(text)?, 1)
+}
+
+/// Warns of positions that were rounded to f32 far from 0.
+fn warn_coarse(py: Python<'_>, name: &str, scene: &assets::Scene) -> PyResult<()> {
+    let coarse = scene.coarse_positions();
+    coarse.map_or(Ok(()), |coarse| warn(py, &format!("{name}: positions are {coarse}")))
+}
+
 /// A 3D Gaussian Splatting scene. Its opacities and scales are activated (no logits, no logarithms). Scenes are
 /// immutable; renderers share them.
 #[pyclass(frozen, module = "splatgraph")]
@@ -22,10 +32,15 @@ pub struct Scene(pub Arc<assets::Scene>);
 impl Scene {
     /// Loads a scene file of any format, recognised by its bytes; a folder of SOG; or a list of scenes (.ron).
     /// docs/formats.md lists the formats.
+    ///
+    /// Warns (`UserWarning`) of positions that float32 rounds too coarsely so far from 0.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Scene> {
+        let name = path.display().to_string();
         let loaded = wait::run(py, move || assets::Scene::load(path, &|_, _| ControlFlow::Continue(())))?;
-        loaded.map(|scene| Scene(Arc::new(scene))).map_err(|error| SceneError::new_err(error.to_string()))
+        let scene = loaded.map_err(|error| SceneError::new_err(error.to_string()))?;
+        warn_coarse(py, &name, &scene)?;
+        Ok(Scene(Arc::new(scene)))
     }
 
     /// Makes a scene from arrays: objects with `__dlpack__`, or any that numpy converts.
@@ -37,7 +52,8 @@ impl Scene {
     ///     opacities: opacities at the centre, 0 to 1 (not their logits), [N].
     ///     sh: spherical harmonics, [N, K, 3] with K = 1, 4, 9 or 16; a colour c is 0.5 + 0.28209 * sh[:, 0].
     ///
-    /// Splats with values that are not finite or a quaternion of 0 are dropped: see `dropped`.
+    /// Splats with values that are not finite or a quaternion of 0 are dropped: see `dropped`. Warns (`UserWarning`) of
+    /// float32 means that are too coarse so far from 0.
     ///
     /// Raises:
     ///     ValueError: an array has a wrong shape, an opacity is not in 0 to 1, or a scale is negative.
@@ -101,7 +117,9 @@ impl Scene {
                 assets::Scene::try_generate_in_world(splats, degree, position, splat)
             }
         });
-        made.map(|scene| Scene(Arc::new(scene))).map_err(|error| Error::new_err(error.to_string()))
+        let scene = made.map_err(|error| Error::new_err(error.to_string()))?;
+        warn_coarse(py, "means", &scene)?;
+        Ok(Scene(Arc::new(scene)))
     }
 
     /// Writes the scene in the format of the file's extension: .ply, .glb, .compressed.ply, .spz, .splat or .sog. All
@@ -126,11 +144,8 @@ impl Scene {
             Ok::<_, OutputError>(scene_file::missing(&scene, format))
         };
         let written: Result<Vec<String>, OutputError> = wait::run(py, write)?;
-        for loss in written.map_err(|error| SceneError::new_err(error.to_string()))? {
-            let text = CString::new(format!("{name}: lost: {loss}"))?;
-            PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)?;
-        }
-        Ok(())
+        let losses = written.map_err(|error| SceneError::new_err(error.to_string()))?;
+        losses.iter().try_for_each(|loss| warn(py, &format!("{name}: lost: {loss}")))
     }
 
     /// Centres in world units, float32 [N, 3], relative to `offset`. A copy.

@@ -65,6 +65,11 @@ def test_means_of_doubles_far_from_0_keep_their_precision_by_an_offset(tmp_path)
     assert Scene.load(tmp_path / "far.ply").offset == scene.offset
     assert Scene.from_arrays(means.astype(np.float64), *others).offset == [0, 0, 0]
     np.testing.assert_array_equal(Scene.from_arrays(means.tolist(), *others).means, means)
+    with pytest.warns(UserWarning, match="means: positions are in steps of 1.0e0"):
+        rounded = Scene.from_arrays(far.astype(np.float32), *others)
+    rounded.save(tmp_path / "rounded.ply")
+    with pytest.warns(UserWarning, match="rounded.ply: positions are in steps of"):
+        Scene.load(tmp_path / "rounded.ply")
 
 
 def test_a_file_that_lacks_what_a_scene_has_is_warned_of(scene, camera, tmp_path):
