@@ -60,21 +60,8 @@ impl Scene {
         Ok(scene.with_offset(origin))
     }
 
-    /// Returns true if f32 is too coarse for positions relative to `offset`: it shifts more than a tenth of the splats by
-    /// more than 1/256 of their size, which is the largest standard deviation. The positions are the world's.
-    pub(crate) fn is_coarse(
-        count: u32,
-        offset: DVec3,
-        position: impl Fn(usize) -> DVec3 + Sync,
-        size: impl Fn(usize) -> f64 + Sync,
-    ) -> bool {
-        let is_shifted = |index: &usize| shift(position(*index) - offset) > VISIBLE * size(*index);
-        let splats = (0..count as usize).into_par_iter().with_min_len(CHUNK);
-        splats.filter(is_shifted).count() > count as usize / 10
-    }
-
-    /// Returns true if f32 suffices for positions in the world: it shifts no splat by more than 1/256 of its size, except
-    /// by the steps of floats at 8 times the median distance from the middle.
+    /// Returns true if f32 suffices for positions in the world: it shifts no splat by more than 1/256 of its size, which
+    /// is the largest standard deviation, except by the steps of floats at 8 times the median distance from the middle.
     pub(crate) fn fits_floats(
         count: u32,
         position: impl Fn(usize) -> DVec3 + Sync,
@@ -91,8 +78,10 @@ impl Scene {
             .all(|(by, size)| by <= step.max(VISIBLE * size))
     }
 
-    /// Finds an origin near the splats, if f32 [is too coarse](Scene::is_coarse) for positions relative to `offset`, and
-    /// if the splats are farther from it than about 8 times the scene's size.
+    /// Finds an origin near the splats, if f32 is too coarse for positions relative to `offset`, and if the splats are
+    /// farther from it than about 8 times the scene's size. The positions are the world's.
+    ///
+    /// f32 is too coarse if it shifts more than a tenth of the splats by more than 1/256 of their size.
     pub(crate) fn finer_origin(
         count: u32,
         offset: DVec3,
@@ -101,7 +90,9 @@ impl Scene {
     ) -> Option<DVec3> {
         /// Mean shift per mean distance from the centre, for splats at 8 times that distance from `offset`.
         const FAR: f64 = 1.0 / 4_194_304.0;
-        if !Self::is_coarse(count, offset, &position, size) {
+        let is_shifted = |index: &usize| shift(position(*index) - offset) > VISIBLE * size(*index);
+        let splats = (0..count as usize).into_par_iter().with_min_len(CHUNK);
+        if splats.filter(is_shifted).count() <= count as usize / 10 {
             return None;
         }
         // Tiny splats are shifted near the origin, too, where no other origin helps.
