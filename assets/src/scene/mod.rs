@@ -29,7 +29,6 @@ use crate::words::CHUNK;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::convert::Infallible;
-use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 use tracing::info_span;
 
@@ -199,19 +198,6 @@ impl Scene {
 
     pub(crate) fn with_breakdown(self, breakdown: SizeBreakdown) -> Self {
         Self { size_breakdown: OnceLock::from(breakdown), ..self }
-    }
-
-    /// Lists the parts of a scene that was loaded from a list of scenes, in the order of the list.
-    ///
-    /// Empty for other scenes, and if splats were dropped in the join. Scenes derived from this one have no parts.
-    pub fn parts(&self) -> &[ScenePart] {
-        &self.parts
-    }
-
-    /// Sets the parts, given as files with their numbers of splats. If splats were dropped in the join, there are no
-    /// parts.
-    pub(crate) fn with_parts(self, files: Vec<(PathBuf, u32)>) -> Self {
-        Self { parts: ScenePart::of_files(files, self.count()), ..self }
     }
 
     /// Sets the mesh that is drawn beside the splats, in coordinates relative to [`Scene::offset`].
