@@ -2,14 +2,15 @@
 
 use crate::gaussian::Splats;
 use crate::rules::{Depth, KeyOf, Rules, Ties};
+use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use splatgraph_assets::Camera;
 
 /// The world-to-view transform in f64. The elements for the depth are also stored as f32, as the rasteriser receives
 /// them.
 pub(crate) struct View {
-    rows: [[f64; 3]; 3],
-    eye: [f64; 3],
+    pub rotation: DMat3,
+    eye: DVec3,
     /// Elements 2, 6, 10 and 14 of the rasteriser's matrix: the view direction, and the translation along it.
     depth_row: [f32; 4],
     wide: bool,
@@ -20,20 +21,17 @@ pub(crate) struct View {
 impl View {
     pub(crate) fn new(camera: &Camera, wide: bool) -> View {
         let rows = camera.axes();
-        let eye = camera.position;
-        let translation = -(0..3).map(|i| rows[2][i] * eye[i]).sum::<f64>();
+        let eye = DVec3::from(camera.position);
+        let translation = -DVec3::from(rows[2]).dot(eye);
         let [x, y, z] = rows[2].map(|v| v as f32);
         let sees_behind = camera.projection.sees_behind();
-        View { rows, eye, depth_row: [x, y, z, translation as f32], wide, sees_behind }
+        let rotation = DMat3::from_cols_array_2d(&rows).transpose();
+        View { rotation, eye, depth_row: [x, y, z, translation as f32], wide, sees_behind }
     }
 
     /// Transforms a point to view space: right, down, forward.
     pub(crate) fn point(&self, p: [f64; 3]) -> [f64; 3] {
-        self.rows.map(|row| (0..3).map(|i| row[i] * (p[i] - self.eye[i])).sum())
-    }
-
-    pub(crate) fn rows(&self) -> [[f64; 3]; 3] {
-        self.rows
+        (self.rotation * (DVec3::from(p) - self.eye)).into()
     }
 
     /// Computes the view depth of a point, used for culling and sorting.
@@ -55,7 +53,7 @@ impl View {
 
     /// Computes a splat's sort key, by the rules. `None` if it is not beyond the near plane.
     pub(crate) fn key(&self, p: [f64; 3], rules: &Rules) -> Option<f64> {
-        let distance = || (0..3).map(|i| (p[i] - self.eye[i]).powi(2)).sum::<f64>().sqrt();
+        let distance = || DVec3::from(p).distance(self.eye);
         let depth = self.depth(p, rules.depth);
         let key = match (rules.key_of, rules.depth) {
             (KeyOf::Depth, _) => depth,

@@ -228,10 +228,9 @@ impl<'a> Projector<'a> {
     /// Returns the two rows of `M = J W R S`. Its columns are the splat's three axes on the image, in pixels. Source:
     /// `computeCov2D` and `computeCov3D` in forward.cu.
     fn axes(&self, view: [f64; 3], splat: &Gaussian) -> [DVec3; 2] {
-        let to_view = DMat3::from_cols_array_2d(&self.view.rows()).transpose();
         let rotation = rotation(splat);
         // The columns of W R S: the splat's axes in view space.
-        let [x, y, z] = [0, 1, 2].map(|axis| to_view * (rotation.col(axis) * splat.scale[axis]));
+        let [x, y, z] = [0, 1, 2].map(|axis| self.view.rotation * (rotation.col(axis) * splat.scale[axis]));
         let axes = DMat3::from_cols(x, y, z).transpose();
         self.lens.jacobian(view).map(|row| axes * DVec3::from(row))
     }
