@@ -5,17 +5,18 @@ use crate::encoder::Encoder;
 use crate::error::api;
 use crate::gpu::{HOST_BLOCK, Owned, VulkanGpu};
 use crate::instance::Instance;
-use crate::memory::{self, Image, Memory};
+use crate::memory::{Image, Memory, requirements};
 use crate::pipelines::Pipelines;
 use crate::swapchain::{self, Swapchain};
 use crate::sync::{self, Barriers};
 use crate::{device, lower, queue};
-use ash::{khr, vk};
+use ash::khr;
+use ash::vk::{self, Handle};
 use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Robustness, Validation};
 use splatgraph_framework::ir::Format;
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
-    BufferDesc, Common, FormatSupport, Gpu, ImageDesc, NextPipeline, Requirements, Window, lock,
+    BufferDesc, Common, FormatSupport, Gpu, ImageDesc, MemoryKind, NextPipeline, Requirements, Window, lock,
 };
 use std::ffi::CStr;
 use std::sync::Arc;
@@ -121,14 +122,47 @@ impl Gpu for VulkanGpu {
         self: &Arc<Self>,
         desc: &BufferDesc,
     ) -> Result<(Owned<vk::Buffer>, Requirements), BackendError> {
-        memory::create_buffer(self, desc)
+        let info = vk::BufferCreateInfo::default()
+            .size(desc.bytes)
+            .usage(lower::buffer_usage(desc.usage))
+            .sharing_mode(vk::SharingMode::EXCLUSIVE);
+        // SAFETY: `info` is complete, and its size is not 0.
+        let raw = unsafe { self.device.create_buffer(&info, None) }.map_err(api("vkCreateBuffer"))?;
+        let buffer = Owned::new(self, raw);
+        self.name(raw, desc.name);
+        let info = vk::BufferMemoryRequirementsInfo2::default().buffer(raw);
+        let kinds = [MemoryKind::Linear, MemoryKind::DedicatedBuffer(raw.as_raw())];
+        // SAFETY: the buffer is alive, and the chain lives until the call returns.
+        let needs =
+            requirements(kinds, |to| unsafe { self.device.get_buffer_memory_requirements2(&info, to) });
+        Ok((buffer, needs))
     }
 
     fn create_image(
         self: &Arc<Self>,
         desc: &ImageDesc,
     ) -> Result<(Owned<vk::Image>, Requirements), BackendError> {
-        memory::create_image(self, desc)
+        let info = vk::ImageCreateInfo::default()
+            .image_type(vk::ImageType::TYPE_2D)
+            .format(lower::format(desc.format))
+            .extent(vk::Extent3D { width: desc.size.0, height: desc.size.1, depth: 1 })
+            .mip_levels(1)
+            .array_layers(1)
+            .samples(vk::SampleCountFlags::TYPE_1)
+            .tiling(vk::ImageTiling::OPTIMAL)
+            .usage(lower::image_usage(desc.usage))
+            .sharing_mode(vk::SharingMode::EXCLUSIVE)
+            .initial_layout(vk::ImageLayout::UNDEFINED);
+        // SAFETY: `info` is complete, and the format supports the usage.
+        let raw = unsafe { self.device.create_image(&info, None) }.map_err(api("vkCreateImage"))?;
+        let image = Owned::new(self, raw);
+        self.name(raw, desc.name);
+        let info = vk::ImageMemoryRequirementsInfo2::default().image(raw);
+        let kinds = [MemoryKind::Optimal, MemoryKind::DedicatedImage(raw.as_raw())];
+        // SAFETY: the image is alive, and the chain lives until the call returns.
+        let needs =
+            requirements(kinds, |to| unsafe { self.device.get_image_memory_requirements2(&info, to) });
+        Ok((image, needs))
     }
 
     fn bind_buffer(
@@ -137,7 +171,11 @@ impl Gpu for VulkanGpu {
         buffer: Owned<vk::Buffer>,
         memory: &Memory,
     ) -> Result<Owned<vk::Buffer>, BackendError> {
-        memory::bind_buffer(self, buffer, memory)
+        let (handle, offset) = memory.handle_and_offset();
+        // SAFETY: the memory meets the buffer's requirements, and its owner keeps it as long as the buffer.
+        unsafe { self.device.bind_buffer_memory(*buffer, handle, offset) }
+            .map_err(api("vkBindBufferMemory"))?;
+        Ok(buffer)
     }
 
     fn bind_image(
@@ -146,7 +184,21 @@ impl Gpu for VulkanGpu {
         image: Owned<vk::Image>,
         memory: &Memory,
     ) -> Result<Image, BackendError> {
-        memory::bind_image(self, desc, image, memory)
+        let (handle, offset) = memory.handle_and_offset();
+        // SAFETY: the memory meets the image's requirements, and its owner keeps it as long as the image.
+        unsafe { self.device.bind_image_memory(*image, handle, offset) }.map_err(api("vkBindImageMemory"))?;
+        let info = vk::ImageViewCreateInfo::default()
+            .image(*image)
+            .view_type(vk::ImageViewType::TYPE_2D)
+            .format(lower::format(desc.format))
+            .subresource_range(vk::ImageSubresourceRange {
+                aspect_mask: lower::aspect(desc.format),
+                ..lower::WHOLE
+            });
+        // SAFETY: the image has memory, and the view is of its own format.
+        let view = unsafe { self.device.create_image_view(&info, None) }.map_err(api("vkCreateImageView"))?;
+        self.name(view, desc.name);
+        Ok(Image { view: Owned::new(self, view), raw: image })
     }
 
     fn synchronization(plan: &Plan) -> Result<Barriers, BackendError> {

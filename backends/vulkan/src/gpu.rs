@@ -153,12 +153,8 @@ impl VulkanGpu {
 
 impl Drop for VulkanGpu {
     fn drop(&mut self) {
-        let allocator = match self.allocator.get_mut() {
-            Ok(allocator) => allocator.take(),
-            Err(poisoned) => poisoned.into_inner().take(),
-        };
         // Frees the allocator's memory before the device is destroyed.
-        drop(allocator);
+        *self.allocator.get_mut().unwrap_or_else(PoisonError::into_inner) = None;
         // SAFETY: every object of the device holds the `VulkanGpu`, so none is left.
         unsafe {
             for &fence in self.fences.get_mut().unwrap_or_else(PoisonError::into_inner).iter() {

@@ -1,16 +1,11 @@
-//! Allocates buffers, images and their memory.
-//!
-//! `gpu-allocator` suballocates memory, which is freed on drop. Creation has two steps, because several objects may
-//! share memory: create the object, which gives its memory requirements, then bind it to memory.
+//! Allocates the memory of buffers and images. `gpu-allocator` suballocates it, and it is freed on drop.
 
-use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};
-use crate::lower;
 use ash::vk::{self, Handle};
 use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
 use splatgraph_api::BackendError;
-use splatgraph_runtime::{BufferDesc, ImageDesc, Location, MemoryKind, Requirements, lock};
+use splatgraph_runtime::{Location, MemoryKind, Requirements, lock};
 use std::sync::Arc;
 
 /// A device memory allocation.
@@ -22,7 +17,7 @@ pub struct Memory {
 
 impl Memory {
     /// Returns the memory handle, and the offset at which to bind objects.
-    fn handle_and_offset(&self) -> (vk::DeviceMemory, u64) {
+    pub(crate) fn handle_and_offset(&self) -> (vk::DeviceMemory, u64) {
         // SAFETY: the handle is used only to bind objects, and their owner keeps this allocation alive.
         self.allocation.as_ref().map_or_else(Default::default, |a| (unsafe { a.memory() }, a.offset()))
     }
@@ -95,36 +90,6 @@ impl Drop for Memory {
     }
 }
 
-pub(crate) fn create_buffer(
-    gpu: &Arc<VulkanGpu>,
-    desc: &BufferDesc,
-) -> Result<(Owned<vk::Buffer>, Requirements), BackendError> {
-    let info = vk::BufferCreateInfo::default()
-        .size(desc.bytes)
-        .usage(lower::buffer_usage(desc.usage))
-        .sharing_mode(vk::SharingMode::EXCLUSIVE);
-    // SAFETY: `info` is complete, and its size is not 0.
-    let raw = unsafe { gpu.device.create_buffer(&info, None) }.map_err(api("vkCreateBuffer"))?;
-    let buffer = Owned::new(gpu, raw);
-    gpu.name(raw, desc.name);
-    let info = vk::BufferMemoryRequirementsInfo2::default().buffer(raw);
-    let kinds = [MemoryKind::Linear, MemoryKind::DedicatedBuffer(raw.as_raw())];
-    // SAFETY: the buffer is alive, and the chain lives until the call returns.
-    let needs = requirements(kinds, |to| unsafe { gpu.device.get_buffer_memory_requirements2(&info, to) });
-    Ok((buffer, needs))
-}
-
-pub(crate) fn bind_buffer(
-    gpu: &VulkanGpu,
-    buffer: Owned<vk::Buffer>,
-    memory: &Memory,
-) -> Result<Owned<vk::Buffer>, BackendError> {
-    let (handle, offset) = memory.handle_and_offset();
-    // SAFETY: the memory meets the buffer's requirements, and its owner keeps it as long as the buffer.
-    unsafe { gpu.device.bind_buffer_memory(*buffer, handle, offset) }.map_err(api("vkBindBufferMemory"))?;
-    Ok(buffer)
-}
-
 /// An image and a view of it.
 pub struct Image {
     pub(crate) view: Owned<vk::ImageView>,
@@ -132,57 +97,8 @@ pub struct Image {
     pub(crate) raw: Owned<vk::Image>,
 }
 
-pub(crate) fn create_image(
-    gpu: &Arc<VulkanGpu>,
-    desc: &ImageDesc,
-) -> Result<(Owned<vk::Image>, Requirements), BackendError> {
-    let info = vk::ImageCreateInfo::default()
-        .image_type(vk::ImageType::TYPE_2D)
-        .format(lower::format(desc.format))
-        .extent(vk::Extent3D { width: desc.size.0, height: desc.size.1, depth: 1 })
-        .mip_levels(1)
-        .array_layers(1)
-        .samples(vk::SampleCountFlags::TYPE_1)
-        .tiling(vk::ImageTiling::OPTIMAL)
-        .usage(lower::image_usage(desc.usage))
-        .sharing_mode(vk::SharingMode::EXCLUSIVE)
-        .initial_layout(vk::ImageLayout::UNDEFINED);
-    // SAFETY: `info` is complete, and the format supports the usage.
-    let raw = unsafe { gpu.device.create_image(&info, None) }.map_err(api("vkCreateImage"))?;
-    let image = Owned::new(gpu, raw);
-    gpu.name(raw, desc.name);
-    let info = vk::ImageMemoryRequirementsInfo2::default().image(raw);
-    let kinds = [MemoryKind::Optimal, MemoryKind::DedicatedImage(raw.as_raw())];
-    // SAFETY: the image is alive, and the chain lives until the call returns.
-    let needs = requirements(kinds, |to| unsafe { gpu.device.get_image_memory_requirements2(&info, to) });
-    Ok((image, needs))
-}
-
-pub(crate) fn bind_image(
-    gpu: &Arc<VulkanGpu>,
-    desc: &ImageDesc,
-    image: Owned<vk::Image>,
-    memory: &Memory,
-) -> Result<Image, BackendError> {
-    let (handle, offset) = memory.handle_and_offset();
-    // SAFETY: the memory meets the image's requirements, and its owner keeps it as long as the image.
-    unsafe { gpu.device.bind_image_memory(*image, handle, offset) }.map_err(api("vkBindImageMemory"))?;
-    let info = vk::ImageViewCreateInfo::default()
-        .image(*image)
-        .view_type(vk::ImageViewType::TYPE_2D)
-        .format(lower::format(desc.format))
-        .subresource_range(vk::ImageSubresourceRange {
-            aspect_mask: lower::aspect(desc.format),
-            ..lower::WHOLE
-        });
-    // SAFETY: the image has memory, and the view is of its own format.
-    let view = unsafe { gpu.device.create_image_view(&info, None) }.map_err(api("vkCreateImageView"))?;
-    gpu.name(view, desc.name);
-    Ok(Image { view: Owned::new(gpu, view), raw: image })
-}
-
 /// Returns the requirements that `query` writes. The kind is `alone` if the driver requires a dedicated allocation.
-fn requirements(
+pub(crate) fn requirements(
     [shared, alone]: [MemoryKind; 2],
     query: impl FnOnce(&mut vk::MemoryRequirements2),
 ) -> Requirements {
