@@ -30,7 +30,7 @@ pub(crate) fn upload<G: Gpu>(
         return Ok(());
     }
     let _span = info_span!("upload the scene").entered();
-    Uploader::new(shared, missing, planes)?.run(scene, missing, progress)
+    Uploader::new(shared, missing, planes)?.run(scene, progress)
 }
 
 struct Half<G: Gpu> {
@@ -41,16 +41,16 @@ struct Half<G: Gpu> {
 
 struct Uploader<'a, G: Gpu> {
     shared: &'a Shared<G>,
+    missing: &'a [PlaneKey],
     planes: &'a Planes<Buffer<G>>,
     halves: Vec<Half<G>>,
-    done: u64,
     total: u64,
 }
 
 impl<'a, G: Gpu> Uploader<'a, G> {
     fn new(
         shared: &'a Shared<G>,
-        missing: &[PlaneKey],
+        missing: &'a [PlaneKey],
         planes: &'a Planes<Buffer<G>>,
     ) -> Result<Self, BackendError> {
         let gpu = &shared.gpu;
@@ -64,18 +64,13 @@ impl<'a, G: Gpu> Uploader<'a, G> {
                 busy: None,
             })
         };
-        Ok(Uploader { shared, planes, halves: vec![half()?, half()?], done: 0, total })
+        Ok(Uploader { shared, missing, planes, halves: vec![half()?, half()?], total })
     }
 
-    fn run(
-        &mut self,
-        scene: &dyn SceneData,
-        missing: &[PlaneKey],
-        progress: &mut dyn FnMut(Progress),
-    ) -> Result<(), BackendError> {
+    fn run(&mut self, scene: &dyn SceneData, progress: &mut dyn FnMut(Progress)) -> Result<(), BackendError> {
         progress(Progress::Upload { done_bytes: 0, of_bytes: self.total });
-        let mut next = 0;
-        for key in missing {
+        let (mut next, mut done) = (0, 0);
+        for key in self.missing {
             let chunk = (CHUNK / key.stride.max(1)).max(1) * key.stride.max(1);
             let mut offset = 0;
             while offset < key.bytes {
@@ -83,8 +78,8 @@ impl<'a, G: Gpu> Uploader<'a, G> {
                 self.send(next, scene, key, offset..offset + bytes)?;
                 next = 1 - next;
                 offset += bytes;
-                self.done += bytes;
-                progress(Progress::Upload { done_bytes: self.done, of_bytes: self.total });
+                done += bytes;
+                progress(Progress::Upload { done_bytes: done, of_bytes: self.total });
             }
         }
         self.wait(0)?;
