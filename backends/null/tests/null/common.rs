@@ -103,6 +103,11 @@ pub fn inputs() -> FrameInputs {
     FrameInputs { uniforms: [("frame.camera".to_string(), vec![1; 8])].into(), ..Default::default() }
 }
 
+/// Returns the inputs of a frame that is shown in the window.
+pub fn presented() -> FrameInputs {
+    FrameInputs { present: true, ..inputs() }
+}
+
 pub fn load(null: &mut Null, plan: Plan) {
     null.load(plan, &Zeros::default(), &mut |_| {}).expect("the plan loads");
 }

@@ -30,10 +30,6 @@ impl Script {
     }
 }
 
-fn presented() -> FrameInputs {
-    FrameInputs { present: true, ..inputs() }
-}
-
 fn read_back() -> FrameInputs {
     let inspect = vec![Inspect { resource: crate::testing::WORDS, after: PassId(1) }];
     FrameInputs { read_output: true, inspect, ..inputs() }

@@ -2,7 +2,7 @@
 
 use crate::common::*;
 use crate::testing::plan;
-use splatgraph_api::{BackendError, Device, FrameInputs};
+use splatgraph_api::{BackendError, Device};
 use splatgraph_null::{Call, Config, Fault, Journal, Null, Point};
 
 fn window(faults: &[Fault]) -> (Null, Journal) {
@@ -11,10 +11,6 @@ fn window(faults: &[Fault]) -> (Null, Journal) {
     load(&mut null, plan());
     journal.take();
     (null, journal)
-}
-
-fn presented() -> FrameInputs {
-    FrameInputs { present: true, ..inputs() }
 }
 
 fn shown(calls: &[Call]) -> usize {

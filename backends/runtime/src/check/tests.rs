@@ -26,6 +26,10 @@ fn buffer(plan: &mut Plan, id: ResourceId, count: u64) {
     plan.resources[id.index()].shape = Shape::Buffer { stride: 4, count };
 }
 
+fn touch(resource: ResourceId, accesses: Accesses) -> Use {
+    Use { resource, stages: Stages::COMPUTE, accesses, layout: None, discards: false }
+}
+
 #[test]
 fn a_plan_within_the_limits_is_accepted() {
     assert_eq!(said(|_, _| {}), "");
@@ -170,12 +174,6 @@ fn changed(image: ResourceId, old: Layout, new: Layout) -> LayoutChange {
 }
 
 fn needs(first: PassId, second: PassId, resource: ResourceId, alias: Option<ResourceId>) -> Dependency {
-    let masks = Masks {
-        source_stages: Stages::COMPUTE,
-        source_accesses: Accesses::STORAGE_WRITE,
-        target_stages: Stages::COMPUTE,
-        target_accesses: Accesses::STORAGE_READ,
-    };
     Dependency {
         hazard: Hazard::ReadAfterWrite,
         first,
@@ -185,7 +183,10 @@ fn needs(first: PassId, second: PassId, resource: ResourceId, alias: Option<Reso
         alias,
         bytes: 0..4,
         changes_layout: false,
-        masks,
+        masks: Masks::new(
+            (Stages::COMPUTE, Accesses::STORAGE_WRITE),
+            (Stages::COMPUTE, Accesses::STORAGE_READ),
+        ),
     }
 }
 
@@ -202,9 +203,7 @@ fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
         ("resource 77", |plan| plan.output = ResourceId(77)),
         ("resource 77", |plan| plan.passes[1].bindings[0].resource = ResourceId(77)),
         ("resource 77", |plan| {
-            let (stages, accesses) = (Stages::COMPUTE, Accesses::STORAGE_WRITE);
-            let touch = Use { resource: ResourceId(77), stages, accesses, layout: None, discards: false };
-            plan.passes[1].uses.push(touch);
+            plan.passes[1].uses.push(touch(ResourceId(77), Accesses::STORAGE_WRITE));
         }),
         ("`args` is not the only resource with the history `past`", |plan| {
             for id in [WORDS, ARGS] {
@@ -263,8 +262,6 @@ fn a_buffer_that_comes_with_a_frame_is_storage_that_frames_read() {
             alter(plan);
         })
     };
-    let touch =
-        |accesses| Use { resource: SPLATS, stages: Stages::COMPUTE, accesses, layout: None, discards: false };
     assert_eq!(with(|_| {}), "");
     let read = with(|plan| {
         plan.resources[SPLATS.index()].usage |= Usage::INDIRECT;
@@ -293,7 +290,7 @@ fn a_buffer_that_comes_with_a_frame_is_storage_that_frames_read() {
     for (accesses, refused) in [(Accesses::STORAGE_READ, false), (Accesses::STORAGE_WRITE, true)] {
         let text = said(|plan, _| {
             plan.resources[SPLATS.index()].source = Source::HostBuffer { buffer: "frame.words".to_string() };
-            plan.passes[3].uses.push(touch(accesses));
+            plan.passes[3].uses.push(touch(SPLATS, accesses));
         });
         assert_eq!(text.contains("pass `splat` writes to `splats`"), refused, "{text}");
     }
@@ -329,14 +326,7 @@ fn a_plane_imported_twice_counts_once_and_one_that_only_the_prologue_uses_does_n
         twice(plan);
         plan.passes[3].bindings.retain(|binding| binding.resource != SPLATS);
         for plane in [SPLATS, ResourceId(plan.resources.len() as u32 - 1)] {
-            let (stages, accesses) = (Stages::COMPUTE, Accesses::STORAGE_READ);
-            plan.passes[0].uses.push(Use {
-                resource: plane,
-                stages,
-                accesses,
-                layout: None,
-                discards: false,
-            });
+            plan.passes[0].uses.push(touch(plane, Accesses::STORAGE_READ));
         }
     };
     let needed = size - 16_384;
