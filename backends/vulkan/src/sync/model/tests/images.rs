@@ -100,12 +100,9 @@ fn a_change_does_not_chain_with_the_other_barriers_of_its_call() {
 #[test]
 fn a_change_waits_for_earlier_reads() {
     let copied = |source| {
-        let mut sketch = Sketch::new();
-        let image = sketch.image("image");
-        let first = change(image, (Undefined, General), NONE, (COMPUTE, WRITE));
+        let (mut sketch, image) = written();
         let read = Use { stages: FRAGMENT, ..in_general(image, READ) };
         let copied = Use { layout: Some(TransferSource), ..touch(image, COPY, Accesses::TRANSFER_READ) };
-        sketch.frame("first", &[first], &[in_general(image, WRITE)]);
         sketch.frame("read", &[barrier((COMPUTE, WRITE), (FRAGMENT, READ))], &[read]);
         sketch.frame("copy", &[to_copy(source)], &[copied]);
         sketch.found()
