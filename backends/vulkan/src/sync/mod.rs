@@ -150,22 +150,23 @@ impl Handover {
     /// Adds the mask bits that `need` requires to the call. Returns false if they were already there.
     fn add(&mut self, need: &Requirement) -> bool {
         let mut target = need.least_target();
-        let before = (self.memory, self.images.iter().map(|i| i.1).collect::<Vec<_>>());
         let changed =
             |(t, ..): &&mut (Transition, Masks, Vec<Requirement>, PassId)| t.image == need.reason.resource;
-        match self.images.iter_mut().find(changed) {
+        let masks = match self.images.iter_mut().find(changed) {
             // The pass waits for the layout change itself.
-            Some((_, masks, ..)) => masks.add(target),
+            Some((_, masks, ..)) => masks,
             None => {
                 // The first frame's own barriers come after this call, so it cannot rely on a chain with them.
                 let flushes =
                     Masks { source_stages: need.from, source_accesses: need.flush, ..Masks::default() };
                 target.add(if need.flush.is_empty() { need.least_source() } else { flushes });
-                self.memory.add(target);
                 self.needs.push(*need);
+                &mut self.memory
             }
-        }
-        before != (self.memory, self.images.iter().map(|i| i.1).collect())
+        };
+        let before = *masks;
+        masks.add(target);
+        *masks != before
     }
 
     /// Clears every mask bit that the first frame does not need.

@@ -78,26 +78,20 @@ impl Requirement {
 
 /// Returns a minimal barrier on all memory that meets the requirements: without any of its bits it would not.
 pub(super) fn memory_barrier(needs: &[Requirement]) -> Masks {
-    let mut masks = Masks::default();
+    let mut masks = least_source(needs);
     // First the needs without alternatives, whose bits may satisfy the others.
     for need in needs.iter().filter(|n| !n.access.is_empty()) {
         masks.add(need.least_target());
-    }
-    for need in needs.iter().filter(|n| n.via.is_empty()) {
-        masks.add(need.least_source());
     }
     for need in needs {
         if !with_later(masks.target_stages).contains(need.to) {
             masks.add(need.least_target());
         }
-        if !need.source_is_met_by(&masks) {
-            masks.add(need.least_source());
-        }
     }
     least(masks, |masks| needs.iter().all(|need| need.is_met_by(masks)))
 }
 
-/// Returns the minimal source masks that meet the requirements of a layout change. The change itself is the target.
+/// Returns the minimal source masks that meet the requirements, whatever the target.
 pub(super) fn least_source(needs: &[Requirement]) -> Masks {
     let mut masks = Masks::default();
     let (forced, free): (Vec<&Requirement>, Vec<&Requirement>) = needs.iter().partition(|n| n.via.is_empty());

@@ -87,7 +87,7 @@ pub(super) fn write_access(stage: Stages) -> Accesses {
     }
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Scopes {
     /// `ordered[to][from]`: work of `from` up to this time happens before later work of `to`.
     ordered: [Since; STAGES],
@@ -100,15 +100,6 @@ pub(super) struct Scopes {
 }
 
 impl Scopes {
-    pub fn new() -> Scopes {
-        Scopes {
-            ordered: Default::default(),
-            available: Default::default(),
-            visible: Default::default(),
-            shown: Default::default(),
-        }
-    }
-
     /// Returns the source stages that wait for the work of `origin` up to `time`; a barrier needs any one of them.
     pub fn after(&self, origin: Origin, time: Time) -> Stages {
         origin.named_by() | reached(&self.ordered, origin, time)

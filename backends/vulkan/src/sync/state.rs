@@ -109,7 +109,7 @@ impl<'a> SyncState<'a> {
     pub fn new(plan: &'a Plan) -> SyncState<'a> {
         SyncState {
             plan,
-            scopes: Scopes::new(),
+            scopes: Scopes::default(),
             now: 0,
             frame_start: 0,
             ran: vec![0; plan.passes.len()],
