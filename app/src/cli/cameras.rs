@@ -157,7 +157,8 @@ pub fn tell_masks(dataset: &Dataset) {
     }
 }
 
-/// Registers the files of a dataset, given as `PATH` or `PATH#INDEX`, and its photographs as inputs.
+/// Registers the files of a dataset, given as `PATH` or `PATH#INDEX`, and its photographs as inputs. Does nothing for
+/// the text of a `cameras.json`, and for a dataset that cannot be read.
 pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     if is_json(cameras) {
         return Ok(());

@@ -150,7 +150,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Describes the splats of one entry of a list of scenes: the numbers of the output `index`.
+/// Describes one entry of a list of scenes: its file, and its splats' indices, as in the output `index`.
 fn part(part: &ScenePart) -> Json {
     json!({ "file": options::text_of(&part.file), "first": part.splats.start, "count": part.splats.len() })
 }

@@ -254,7 +254,8 @@ impl Job {
         &self.outputs.views
     }
 
-    /// Does the views that have no result yet. A failed view does not stop the others; see [`Ran::failed`].
+    /// Does the views that have no result yet. A failed view does not stop the others, and its files are removed; see
+    /// [`Ran::failed`].
     ///
     /// # Errors
     /// The scene cannot be loaded, there is no device, or the folder has results of another request.

@@ -57,6 +57,8 @@ pub fn load_scene_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -
 }
 
 /// Loads a scene, or a mesh to draw with one, and shows the progress. Fails soon after `cancel` becomes true.
+///
+/// Prints what was dropped or not read, and other unusual properties of the scene.
 pub fn load_any_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> Result<Content> {
     let progress = Mutex::new(Progress::new(format!("loading {}", path.display())));
     let _span = info_span!("load the scene", path = %path.display()).entered();
@@ -119,7 +121,8 @@ pub fn nearby(error: &LoadError) -> Option<PathBuf> {
 
 /// Loads the scene at `path`, or the demo scene. Returns the scene, its path, and the demo scene's camera.
 ///
-/// Setting `cancel` stops the load of a scene file, but not of the demo scene.
+/// The demo scene is generated, and written to its path, unless its file can be loaded. Setting `cancel` stops the load
+/// of a scene file, but not of the demo scene.
 pub fn scene_or_demo(
     cancel: &AtomicBool,
     path: Option<&Path>,

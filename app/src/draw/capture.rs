@@ -17,7 +17,8 @@ use splatgraph_reference::inversions;
 pub struct Capture {
     /// The picture, not clamped.
     pub image: Image,
-    /// Indices of the visible splats, near to far; `None` if the order cannot be read back from the graph.
+    /// Indices of the visible splats in the graph's order buffer: near to far if the graph sorts. `None` if the buffer
+    /// cannot be read back.
     pub order: Option<Vec<u32>>,
     /// Statistics of the graph, such as `visible` and `drawn`.
     pub counts: Vec<(String, u32)>,

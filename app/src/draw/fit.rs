@@ -237,7 +237,8 @@ fn most(planner: &mut Planner, wanted: &Wanted, device: &Target) -> Option<u64> 
 
 /// Reads the header of a scene file, and rejects a scene that cannot fit the device before its splats are loaded.
 ///
-/// The header does not show which bands of harmonics are used, so only band 0 is counted.
+/// The header does not show which bands of harmonics are used, so only band 0 is counted. The picture has the default
+/// size.
 ///
 /// # Errors
 /// The header is invalid, or the scene is too large.

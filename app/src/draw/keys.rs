@@ -182,7 +182,7 @@ impl View {
 pub struct Need {
     /// Mapping of depth to keys.
     pub map: Mapping,
-    /// Width of the key in bits; `None` if 32 bits are not enough.
+    /// Width of the key in bits; `None` if 32 bits are not enough, or if too many keys are equal to count the pairs.
     pub bits: Option<u32>,
 }
 

@@ -200,9 +200,10 @@ pub fn check_format(name: &str, format: Format) -> Result<(), String> {
 }
 
 impl Output {
-    /// Writes the values as an array or a float image, or normals and fractions as a picture.
+    /// Writes the values in the format of the extension: `.npy` as an array, `.exr` as floats, `.png` as a picture.
     ///
-    /// In a picture, a normal is normalised and becomes the colour (n + 1) / 2.
+    /// In a PNG, a normal is normalised and becomes the colour (n + 1) / 2, or black if it is zero. [`RGBA`] is written
+    /// with straight alpha in a PNG, and premultiplied in the other formats.
     ///
     /// # Errors
     /// The extension is not one of `.npy`, `.exr` and `.png`, [`check_format`] refuses the format, or the file cannot

@@ -35,7 +35,7 @@ impl<T: Send + 'static> Pictures<T> {
         Pictures { jobs: jobs.max(1), unfinished: VecDeque::new() }
     }
 
-    /// Starts `work`, which needs `bytes` bytes of memory.
+    /// Starts `work`, which needs `bytes` bytes of memory. On a thread of the pool, finishes it before returning.
     ///
     /// First waits for older pictures if the queue or the memory is full, and returns their results.
     ///

@@ -24,7 +24,7 @@ pub struct ProjectionError {
     pub camera: Projection,
 }
 
-/// Cameras that have no projection in common: for each projection, the name of its first camera, and the number of all.
+/// Cameras with several projections: each projection, the name of its first camera, and the number of its cameras.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "expected cameras with one projection, found {}; in --cameras, `FILE#NAME*` selects the cameras whose names begin with NAME",
@@ -145,7 +145,7 @@ pub fn shown(camera: &Camera, graph: Projection, scene: &Scene) -> Camera {
     }
 }
 
-/// Converts a command's cameras to the projection of its graph. `size` is the requested size; see [`shaped`].
+/// Converts a command's cameras to the projection of its graph. Without a requested `size`, they are [`shaped`] first.
 ///
 /// # Errors
 /// The cameras have several projections, or one that is not pinhole and differs from the graph's.

@@ -124,7 +124,8 @@ impl Build {
     }
 }
 
-/// Returns the unmet requirements of a graph for which no case was found, as errors at their places.
+/// Returns the unmet requirements of a graph for which no case was found, as errors at their places; `None` if the plan
+/// can be built.
 pub fn refusal(
     planner: &mut Planner,
     (graph, build): (&str, &Build),

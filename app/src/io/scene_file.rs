@@ -34,7 +34,7 @@ pub fn format_of(path: &Path) -> Result<SceneFormat, String> {
 
 /// Writes a scene in a format, and returns the number of bytes; `-` is standard output.
 ///
-/// `version` applies only to [`SceneFormat::Spz`]; `progress` is then not called.
+/// `version` applies only to [`SceneFormat::Spz`], which does not call `progress` if it is given.
 ///
 /// # Errors
 /// The file cannot be written. An existing file is then kept.
@@ -120,8 +120,8 @@ const NEARLY_OPAQUE: f32 = 0.99995;
 /// Maximum number of properties to name.
 const NAMED: usize = 8;
 
-/// Names the file's properties and elements that are not read; `None` if there are none. Normals do not count: splats
-/// have none, and writers of splats fill them with zeros.
+/// Names the file's properties and elements that are not read; `None` if there are none. Normals do not count, because
+/// writers of splats fill them with zeros, nor do harmonics above degree 3, which are reported elsewhere.
 fn unread(breakdown: &SizeBreakdown) -> Option<String> {
     let mut names = Vec::new();
     for element in &breakdown.elements {

@@ -243,7 +243,7 @@ fn is_in_name(c: char) -> bool {
     c.is_ascii_alphanumeric() || matches!(c, '_' | '.')
 }
 
-/// Returns the range of the characters around a byte offset of a string for which `is_part` is true.
+/// Extends a byte offset of a string to the range of adjacent characters for which `is_part` is true.
 fn around(
     text: &str,
     inside: &ops::Range<usize>,

@@ -318,8 +318,10 @@ impl Workspace {
         self.open.get(path).filter(|_| is_graph(path)).cloned()
     }
 
-    /// Lists the hints of a graph: the passes that its passes wait for, and the values of its `let`s. A part has no plan
-    /// of its own: its passes are looked up in the plans of the other graphs that were built.
+    /// Lists the hints of a graph: the passes that its passes wait for, and the values of its `let`s.
+    ///
+    /// First builds the graph if it is queued. A part has no plan of its own: all graphs that remain are built, and its
+    /// passes are looked up in their plans.
     pub fn hints(&mut self, path: &Path) -> Vec<InlayHint> {
         let Some(text) = &self.open_graph(path) else { return Vec::new() };
         if self.queue.iter().any(|graph| graph == path) {

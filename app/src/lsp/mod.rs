@@ -229,7 +229,7 @@ impl Server {
         self.build_at = Instant::now() + QUIET;
     }
 
-    /// Lists the diagnostics of the files in which they changed.
+    /// Lists the diagnostics of the files in which they changed, and records them as shown.
     fn changed_diagnostics(&mut self) -> Vec<PublishDiagnosticsParams> {
         let mut found = self.workspace.diagnostics();
         // The graph that gave these was dropped, and is built again.

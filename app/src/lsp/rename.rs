@@ -16,8 +16,8 @@ pub type Edit = (std::ops::Range<usize>, String);
 /// `open` holds the editor's texts. They are restored in the planner after the check.
 ///
 /// # Errors
-/// There is no name at the byte that a graph declares, the new name is not valid, the name occurs in a built-in file,
-/// or the new name would break a graph or change its plan.
+/// No graph declares the name at the byte, the new name is not valid, the name occurs in a built-in file, or the new
+/// name would break a graph or change its plan.
 pub fn rename(
     planner: &mut Planner,
     index: &Index,

@@ -10,7 +10,7 @@ use splatgraph_reference::metrics::{self, MetricError, decibels};
 /// The scores of a view's picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Score {
-    /// The photograph's name.
+    /// Name of the photograph, or of the camera.
     pub view: String,
     /// Width of both pictures, in pixels.
     pub width: usize,
@@ -40,7 +40,7 @@ pub struct Mean {
 /// The scores of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Evaluation {
-    /// The scores of each view, in the order of the photographs' names.
+    /// The scores of each view, in the caller's order.
     pub views: Vec<Score>,
     /// Names of the views that have no scores.
     #[serde(skip_serializing_if = "Vec::is_empty")]

@@ -300,7 +300,7 @@ fn measure(pair: &Pair, args: &Args, notes: &mut Notes) -> Result<(Found, Option
     Ok((Found { all, peak, flip, flip_8_bits }, difference))
 }
 
-/// Returns true if a picture of one channel contains the index of no splat.
+/// Returns true if a picture of one channel contains 4294967295, which stands for no splat.
 fn has_indices(picture: &Image<f64>) -> bool {
     picture.rgb.iter().any(|pixel| pixel[0] == f64::from(u32::MAX))
 }
@@ -384,7 +384,7 @@ fn load(pair: &Pair, range: Option<(f64, f64)>, notes: &mut Notes) -> Result<Loa
     Ok(Loaded { a, b, are_grey: headers.iter().all(|header| header.is_grey), has_levels })
 }
 
-/// Returns the least and the largest value of a grey picture, at most 0 and at least 1.
+/// Returns the range of a grey picture's finite values, extended to contain 0 and 1.
 fn range_of(picture: &Image<f64>) -> (f64, f64) {
     let values = picture.rgb.iter().map(|pixel| pixel[0]).filter(|value| value.is_finite());
     values.fold((0.0, 1.0), |(least, most), value| (value.min(least), value.max(most)))

@@ -24,7 +24,7 @@ pub enum Pictures {
 }
 
 impl Pictures {
-    /// Lists the pictures of a folder or an archive.
+    /// Lists the pictures of a folder or an archive; any other path is a single picture.
     ///
     /// # Errors
     /// The folder or the archive cannot be read, or two pictures have the same name without extension.

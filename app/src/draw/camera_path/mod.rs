@@ -35,7 +35,7 @@ pub enum KeyError {
         /// Reason why the camera is unusable; see [`Camera::fault`].
         fault: String,
     },
-    /// The cameras of a file have several projections.
+    /// The cameras of a list have several projections.
     #[error("camera path: {0}")]
     Mixed(#[from] MixedProjections),
 }
@@ -124,7 +124,7 @@ impl CameraPath {
         }
     }
 
-    /// Moves a key to another position in the list; the others keep their order.
+    /// Moves a key to another position in the list, at most to its end; the others keep their order.
     pub fn reorder(&mut self, from: usize, to: usize) {
         if from < self.keys().len() {
             let keys = self.keys_mut();
@@ -236,7 +236,7 @@ impl Playback {
         self.playing
     }
 
-    /// Plays from the current position, or from the start if an open path is at its end.
+    /// Plays from the current position, or from the start if an open path is at its end. Without keys, pauses.
     pub fn play(&mut self, path: &CameraPath) {
         if !path.is_closed() && self.position >= path.seconds() {
             self.position = 0.0;

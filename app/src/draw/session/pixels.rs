@@ -29,7 +29,7 @@ pub enum PixelsError {
     },
 }
 
-/// Converts pixels to an RGB image.
+/// Converts pixels to an RGB image. A single float channel becomes grey, and alpha is dropped.
 ///
 /// # Errors
 /// The format has no colours, or the bytes do not match the size.

@@ -27,7 +27,7 @@ impl<'a> Film<'a> {
     }
 }
 
-/// Computes the time between two frames in seconds, as a fraction of 16-bit numbers.
+/// Computes the time between two frames in seconds, as a fraction of 16-bit numbers; rounded if the rate's are larger.
 fn delay(rate: Rate) -> (u16, u16) {
     let exact = u16::try_from(rate.seconds).ok().zip(u16::try_from(rate.frames).ok());
     exact.unwrap_or_else(|| ((10_000.0 / rate.per_second()).round().min(65_535.0) as u16, 10_000))

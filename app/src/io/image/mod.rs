@@ -69,7 +69,7 @@ impl Image {
     /// EXR file that cannot be unpacked.
     ///
     /// # Errors
-    /// The path has another extension, or the file cannot be read or is damaged.
+    /// The extension is not `.png`, `.exr` or `.npy`, the file cannot be read, or its header is damaged.
     pub fn is_whole(path: &Path) -> Result<bool, ImageError> {
         match Format::of(path) {
             Some(Format::Png) => png::is_whole(path),
@@ -79,7 +79,7 @@ impl Image {
         }
     }
 
-    /// Loads a picture from `.png`, `.jpg`, `.exr`, `.npy`, or `archive.npz#array`. A picture with one channel is grey.
+    /// Loads a picture from `.png`, `.jpg`, `.exr`, `.npy`, or `archive.npz#array`. Drops alpha; one channel is grey.
     ///
     /// # Errors
     /// The path has another extension, or the file cannot be read, is damaged or is too large.

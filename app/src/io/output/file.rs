@@ -52,7 +52,8 @@ const BUFFER_BYTES: usize = 1 << 17;
 /// Maximum number of links that are followed to a target, as on Linux.
 const MAX_LINKS: usize = 40;
 
-/// Writes a file, and creates its folder; `-` is standard output.
+/// Writes a file, and creates its folder; `-` is standard output, whose reader may close the pipe early without an
+/// error.
 ///
 /// # Errors
 /// The folder or the file cannot be created or written, or `body` fails. An existing file is then kept.

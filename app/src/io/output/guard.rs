@@ -96,6 +96,8 @@ impl OutputGuard {
 
     /// Adds a file that the command writes. `what` is its option, such as `--json`.
     ///
+    /// Several outputs may go to one device or pipe.
+    ///
     /// # Errors
     /// The file is an input or another output, or it cannot be written at this path.
     pub fn output(&mut self, what: &str, path: &Path) -> Result<(), Conflict> {

@@ -19,7 +19,7 @@ pub struct Log {
 }
 
 impl Log {
-    /// Opens the file, and empties it. The path `-` is standard output.
+    /// Creates or empties a regular file, or opens a device or a pipe. The path `-` is standard output.
     ///
     /// # Errors
     /// The folder or the file cannot be created.

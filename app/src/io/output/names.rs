@@ -24,7 +24,8 @@ pub fn ends_in_separator(path: &Path) -> bool {
     path.as_os_str().as_encoded_bytes().last().is_some_and(|byte| is_separator(char::from(*byte)))
 }
 
-/// Returns the name of a scene's file up to the first dot, for names of files that are made from the scene.
+/// Returns the name of a scene's file up to the first dot, for names of files that are made from the scene; `scene` if
+/// that is empty.
 pub fn of_scene(scene: &Path) -> String {
     let name = scene.file_name().unwrap_or_default().to_string_lossy();
     name.split('.').next().filter(|stem| !stem.is_empty()).unwrap_or("scene").to_owned()

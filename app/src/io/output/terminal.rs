@@ -47,7 +47,7 @@ pub fn one_line(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// Quotes a word for a shell, if necessary.
+/// Quotes a word for a POSIX shell, if necessary.
 pub fn shell_word(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "_-./=,#:@%+".contains(c);
     if !word.is_empty() && word.chars().all(plain) && !word.starts_with('#') {

@@ -18,7 +18,7 @@ pub struct Band {
     pub band: u32,
     /// Root mean square over directions, channels and splats, for colours of 0 to 1.
     pub rms: f64,
-    /// Share of the energy of all view-dependent bands; 0 for band 0, which does not depend on the direction.
+    /// Share of the energy of bands 1 to 3; 0 for band 0, and in scenes without view-dependent colours.
     pub share: f64,
 }
 

@@ -75,7 +75,8 @@ const DRAWN: (usize, usize) = (12, 3);
 /// Measures one parameter at a time and every preset, then the most promising combinations.
 ///
 /// # Errors
-/// The graph has errors, the device fails, an exact picture does not fit in memory, or the listener cancels.
+/// The subject has no camera, the graph has errors, the device fails, an exact picture does not fit in memory, or the
+/// listener cancels.
 pub fn study(
     subject: &Subject,
     needs: &[Need],

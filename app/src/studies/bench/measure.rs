@@ -80,7 +80,7 @@ pub struct View {
     pub height: u32,
     /// Number of frames per round.
     pub frames: u32,
-    /// The graph's counts, such as `visible` and `drawn`.
+    /// The graph's counts in the last frame, such as `visible` and `drawn`.
     pub counts: BTreeMap<String, u32>,
     /// The times of the candidate's frames in this view.
     #[serde(flatten)]

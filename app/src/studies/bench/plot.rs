@@ -31,6 +31,8 @@ pub fn names(stem: &str, splats: &[u32], sizes: Sizes) -> Vec<String> {
 }
 
 /// Plots the times of a scene. `splats` are the requested numbers of splats; empty if the scene keeps its own.
+///
+/// Plots over sizes have no points for the cameras' own sizes.
 pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<Plot> {
     let rows: Vec<&Row> = report.rows.iter().filter(|row| row.scene == scene).collect();
     let counts: IndexSet<u32> = rows.iter().map(|row| row.splats).collect();

@@ -102,7 +102,7 @@ pub fn size_text(size: Option<(u32, u32)>) -> String {
 impl Report {
     /// Writes every figure as CSV (RFC 4180), one per line, with all digits; missing values are empty.
     ///
-    /// Times without a camera are means of the cameras' medians.
+    /// Times without a camera are means of the cameras' medians; those of kind `once` are single times.
     pub fn csv(&self) -> String {
         let mut text = String::from(
             "scene,splats,width,height,pipeline,camera,kind,name,median_ms,spread_ms,bytes,gb_per_s,of_copy\n",

@@ -97,7 +97,8 @@ pub struct Report {
 /// Measures sorts of each number of pairs, with the key widths interleaved.
 ///
 /// # Errors
-/// The device fails, or the listener cancels. A sort that does not fit in memory gives a row with the reason.
+/// The device fails, or the listener cancels. A sort that does not fit in memory, or that leaves pairs in the wrong
+/// place, gives a row with the reason.
 pub fn measure(
     device: &Backend,
     pairs: &[u32],

@@ -17,11 +17,11 @@ pub struct Wanted {
     pub sizes: Vec<Option<(u32, u32)>>,
 }
 
-/// Measures candidates on a scene, and adds them to a report. Calls `kept` after each number of splats and size.
+/// Measures candidates on a scene, and adds them to a report. Calls `kept` after each measured size.
 ///
 /// # Errors
 /// The subject has no camera, the device fails, `kept` fails, or the listener cancels. A candidate that cannot be drawn
-/// gives a row with the reason.
+/// gives a row with the reason, as does every candidate if the scene cannot be enlarged.
 pub fn study<E: From<StudyError>>(
     subject: &Subject,
     wanted: &Wanted,

@@ -28,7 +28,7 @@ pub enum Kind {
 ///
 /// # Errors
 /// The graph has errors, the device fails, a picture cannot be compared or encoded, an exact picture does not fit in
-/// memory, or the listener cancels.
+/// memory, or the listener cancels; for [`Kind::Order`], also if the subject has no camera.
 pub fn study(
     subject: &Subject,
     kind: Kind,

@@ -19,7 +19,7 @@ use splatgraph_reference::metrics::{self, squared_error};
 use splatgraph_reference::{Rules, Splats, check_memory};
 use std::f64::consts::PI;
 
-/// Directions from which the part is drawn, in degrees to the side of the first camera.
+/// Directions from which a single camera draws the part, in degrees to its side.
 pub const DEGREES: [f64; 3] = [-30.0, 0.0, 30.0];
 
 /// A picture drawn with bands up to some degree, and its PSNR against two pictures with all bands.
@@ -63,7 +63,7 @@ pub struct Sh {
     pub degree: [u32; 2],
     /// The mean energy of each band over all splats.
     pub all: Energy,
-    /// The glossy part; `None` if no colour in the picture depends on the direction.
+    /// The glossy part; `None` without cameras, or if no colour in the picture depends on the direction.
     pub glossy: Option<Glossy>,
 }
 

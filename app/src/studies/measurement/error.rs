@@ -57,7 +57,7 @@ pub fn mean(values: impl Iterator<Item = f64>) -> f64 {
     sum / f64::from(count.max(1))
 }
 
-/// Computes the PSNR of the mean of the views' squared errors; infinite if all are 0.
+/// Computes the PSNR of the mean of the views' squared errors; infinite if all are 0, or without views.
 pub fn joint_psnr(of_views: impl Iterator<Item = Option<f64>>) -> f64 {
     weighted_psnr(of_views.map(|psnr_db| (psnr_db, 1)))
 }

@@ -37,7 +37,7 @@ pub fn measured(pipeline: &str, set: &[(String, String)], controls: &[Control]) 
     fixed(all, set, has)
 }
 
-/// Lists the exact settings of a graph, the settings that change one parameter of them, the defaults, and the presets.
+/// Lists a graph's exact settings, the settings that change one parameter of them, its defaults, and other `presets`.
 ///
 /// `controls` are the graph's parameters. A parameter without an exact value does not change the picture and keeps its
 /// default.

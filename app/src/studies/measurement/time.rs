@@ -22,13 +22,13 @@ pub struct Time {
     pub spread_ms: Option<f64>,
     /// The frame time divided by the exact settings' time in the same turns.
     pub share: Share,
-    /// Milliseconds of the exact settings on a warm device: the median of the rounds' medians.
+    /// Milliseconds of the exact settings: [`Baseline::ms`], or the median of the rounds' medians.
     pub exact_ms: f64,
     /// Number of rounds that were drawn.
     pub rounds: u32,
     /// Share of the host's frame time that the device spends drawing, at most 1. It idles for the rest.
     pub busy: f64,
-    /// Milliseconds per phase: the median of the rounds' medians.
+    /// Milliseconds per phase: the median of the rounds' medians, scaled like `gpu_ms` to the clock of `exact_ms`.
     pub phases: BTreeMap<String, f64>,
     /// Difference between a phase's largest and smallest time over the rounds, in milliseconds; `None` with one round.
     pub phase_spreads: BTreeMap<String, Option<f64>>,

@@ -47,7 +47,7 @@ impl View {
         })
     }
 
-    /// Replaces the true picture.
+    /// Replaces the true picture. `covered` and `order` stay those of the exact picture.
     pub fn with_picture(self, picture: Image) -> View {
         View { seen: Seen::of_8_bits((&picture).into()), picture, ..self }
     }

@@ -12,7 +12,7 @@ use splatgraph_framework::lower::Control;
 pub enum Choice {
     /// The first splats of the file, a naive truncation.
     FileOrder,
-    /// The splats with the largest product of opacity and area in the world, for every camera.
+    /// The splats with the largest product of opacity and area in the world; the same for every camera.
     WorldSize,
     /// The splats with the largest product of opacity and area on the screen.
     ScreenSize,

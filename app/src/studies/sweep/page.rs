@@ -159,7 +159,8 @@ impl SweepResult {
         }
     }
 
-    /// Lists the plots with their file names and captions. Plots of time are left out without timestamps.
+    /// Lists the plots with their file names and captions. Leaves out plots without points, such as times without
+    /// timestamps.
     pub fn plots(&self) -> Vec<(&'static str, Plot, &'static str)> {
         let all = [
             (
@@ -336,7 +337,7 @@ impl SweepResult {
         Choice::ALL.iter().filter(|choice| !self.means(**choice).is_empty()).count()
     }
 
-    /// Describes the PSNR of every choice at a quarter of the splats, the best first.
+    /// Describes the PSNR of every choice at a quarter of the splats, the best first; empty if no step has a quarter.
     fn findings(&self) -> Vec<String> {
         let quarter = self.splats / 4;
         let at = |choice: Choice| {

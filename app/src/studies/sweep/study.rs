@@ -28,8 +28,8 @@ pub struct Wanted {
 /// Measures quality and time with fewer and fewer splats. Also returns the pictures of the first view.
 ///
 /// # Errors
-/// The graph has errors, a picture cannot be compared, the device fails, an exact picture or a part of the scene does
-/// not fit in memory, or the listener cancels.
+/// The subject has no camera, the graph has errors, a picture cannot be compared, the device fails, an exact picture or
+/// a part of the scene does not fit in memory, or the listener cancels.
 pub fn study(
     subject: &Subject,
     wanted: &Wanted,
@@ -59,7 +59,9 @@ pub struct Study {
 }
 
 impl Study {
-    /// Reads the graph, and finds out which criteria it supports.
+    /// Prepares the graph with all splats, and finds out which criteria it supports.
+    ///
+    /// Tells the listener if the nearest splats cannot be measured, and which parameters have no effect.
     ///
     /// # Errors
     /// The subject has no camera, the graph has errors, or the device fails.

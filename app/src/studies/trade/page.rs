@@ -55,7 +55,7 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
     })
 }
 
-/// Makes the page of a ledger as HTML. `failed` lists settings with their errors.
+/// Makes the page of a ledger as HTML. `failed` lists the settings without a line, with the reasons.
 ///
 /// # Errors
 /// The plot cannot be drawn.

@@ -35,7 +35,7 @@ impl Album {
     }
 
     /// Stores a picture, the truth and their difference, if no other view of the setting is as far from the truth. Does
-    /// nothing without a folder, or for a row without measurements.
+    /// nothing without a folder, or for a row without measurements. Call it before the row is added to the ledger.
     ///
     /// # Errors
     /// A file cannot be written.

@@ -78,8 +78,8 @@ impl Study {
     /// Chooses the settings, and builds the plans of each.
     ///
     /// # Errors
-    /// [`Wanted::file`] is not a ledger, the graph has errors, no setting's name begins with a prefix of
-    /// [`Wanted::only`], the device fails, or the listener cancels.
+    /// [`Wanted::file`] is not a ledger, the subject has no camera, the graph has errors, no setting's name begins with
+    /// a prefix of [`Wanted::only`], the device fails, or the listener cancels.
     pub fn new(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) -> Result<Study, StudyError> {
         // Rows of an earlier run are shown, too: their settings' plans are needed to drop rows that are out of date.
         let earlier = wanted.file.as_deref().map_or_else(|| Ok(BTreeSet::new()), ledger::replaceable)?;
@@ -181,7 +181,8 @@ impl Study {
 /// A row whose comparison may still run, with its view.
 type Measured<'scope> = (&'scope View, Pending<'scope>);
 
-/// Adds rows and their pictures to the ledger, until the sender is dropped. Runs while frames are drawn.
+/// Adds rows and their pictures to the ledger, until the sender is dropped or a file cannot be written. Runs while
+/// frames are drawn.
 ///
 /// Sends to `kept` whenever the file is written.
 fn keep(

@@ -205,12 +205,12 @@ impl Book {
         Ok((Book { ledger: Ledger { command: String::new(), origin, rows }, path, _lock: lock }, lost))
     }
 
-    /// Returns true if the setting has been measured in this view.
+    /// Returns true if there is a row of the setting in this view, even one that failed.
     pub fn has(&self, setting: &str, camera: &str) -> bool {
         self.ledger.rows.iter().any(|row| row.setting == setting && row.camera == camera)
     }
 
-    /// Returns the exact settings' milliseconds in a view; `None` before its first row, or without timestamps.
+    /// Returns the exact settings' milliseconds in a view; `None` before its first measured row, or without timestamps.
     pub fn exact_ms(&self, camera: &str) -> Option<f64> {
         let first = self.ledger.rows.iter().find(|row| row.camera == camera && row.found.is_ok())?;
         Some(first.found.as_ref().ok()?.time.as_ref()?.exact_ms)
@@ -247,7 +247,7 @@ fn set_aside(path: Option<&Path>, bytes: &[u8]) -> Result<PathBuf, output::Outpu
     Ok(copy)
 }
 
-/// Reads the rows of a ledger. The error lists what differs from `origin`.
+/// Reads the rows of a ledger. The error lists what differs from `origin`; a ledger without rows fits any origin.
 fn rows_of(bytes: &[u8], origin: &Origin) -> Result<Vec<Row>, Vec<&'static str>> {
     // Another version of the program wrote other fields.
     let found: Ledger = serde_json::from_slice(bytes).map_err(|_| vec!["program"])?;
@@ -271,7 +271,7 @@ pub struct Line {
     /// PSNR of the mean squared error over all views, in decibels; infinite for equal pictures.
     #[serde(serialize_with = "decibels::serialize_number")]
     pub psnr_db: f64,
-    /// PSNR of the covered pixels of all views, in decibels; infinite for equal pictures.
+    /// PSNR of the covered pixels of all views, in decibels; infinite for equal pictures, or without covered pixels.
     #[serde(serialize_with = "decibels::serialize_number")]
     pub covered_psnr_db: f64,
     /// Lowest SSIM over the views; `None` if a view has none.
@@ -296,7 +296,9 @@ pub struct Line {
 }
 
 impl Ledger {
-    /// Returns the camera at which a setting has its lowest PSNR, and that PSNR. `None` if the setting was not drawn.
+    /// Returns the camera at which a setting has its lowest PSNR, and that PSNR, `None` for equal pictures.
+    ///
+    /// `None` if the setting was not drawn.
     pub fn farthest(&self, setting: &str) -> Option<(&str, Option<f64>)> {
         let rows = self.rows.iter().filter(|row| row.setting == setting);
         let drawn =
