@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 pub enum RendererId {
     /// The renderer of the scene: its picture fills the view, or the part left of the split line.
     A,
-    /// The renderer that A is compared with: its picture is right of the split line.
+    /// The renderer that A is compared with: its picture is right of the split line, or subtracted from A's.
     B,
     /// The renderer of the window's own graph, which draws the pictures and the user interface.
     Window,
@@ -27,12 +27,12 @@ impl fmt::Display for RendererId {
     }
 }
 
-/// Serialises a path that may not be UTF-8, which would be an error.
+/// Serialises a path lossily: serde rejects a path that is not UTF-8.
 fn displayed<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_str(&path.display())
 }
 
-/// Completes a path that is relative to the working directory, as generated names are.
+/// Makes a path absolute: generated names are relative to the working directory.
 fn whole(path: &Path) -> PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
@@ -239,7 +239,7 @@ pub enum Event {
         /// Number of cameras.
         count: usize,
     },
-    /// A file could not be read or written, or has an unknown type.
+    /// A file could not be read or written, or has an unknown type; or a frame could not be captured.
     FileFailed {
         /// Path of the file.
         #[serde(serialize_with = "displayed")]
@@ -290,7 +290,7 @@ pub enum Event {
         /// Number of attempts to open it, including the successful one.
         attempts: u32,
     },
-    /// A request could not be fulfilled; the viewer continues unchanged.
+    /// A request could not be fulfilled, or the viewer dropped something, such as the marks of a changed file.
     Problem {
         /// Error message, with its context.
         text: String,

@@ -60,7 +60,7 @@ pub struct Row {
 pub struct Series {
     /// Name of the phase or the pass.
     pub name: String,
-    /// Pairs of frame number and milliseconds.
+    /// Pairs of frame number and milliseconds; frames without a time are skipped.
     pub points: Vec<[f64; 2]>,
 }
 
@@ -145,7 +145,8 @@ impl History {
         Quantiles::of(self.steady().filter_map(rest)).map(|rests| rests.median)
     }
 
-    /// Returns true if passes account for less than half of the frame time, so that their times are unreliable.
+    /// Returns true if passes account for less than half of the frame time, so that their times are unreliable; false
+    /// if either is unknown.
     pub fn is_mostly_unattributed(&self) -> bool {
         match (self.unattributed(), self.total()) {
             (Some(rest), Some(total)) => rest > 0.5 * total.median,

@@ -74,7 +74,7 @@ impl<T: Send + 'static> Latest<T> {
         Ok(())
     }
 
-    /// Cancels the request.
+    /// Cancels the request, or drops its result.
     pub fn cancel(&mut self) {
         self.request = None;
     }

@@ -1,7 +1,8 @@
 //! Reads scenes and cameras on other threads.
 //!
-//! A request cancels the previous one of its kind, so that a slow file never replaces one that was opened later. A
-//! cancelled load of a scene ends at its next report of progress; only then does the next one begin.
+//! A request cancels the previous one for the same viewport or [`CameraRole`], so that a slow file never replaces one
+//! that was opened later. A cancelled load of a scene ends at its next report of progress; only then does the next one
+//! begin.
 
 use super::events::RendererId;
 use super::latest::Latest;

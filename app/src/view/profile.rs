@@ -9,7 +9,7 @@ use splatgraph_api::FrameResult;
 use splatgraph_framework::plan::Plan;
 use std::path::PathBuf;
 
-/// Opens a Tracy zone with this name, until the end of the block.
+/// Opens a Tracy zone with this name, until the end of the block; expands to nothing without the feature `tracy`.
 macro_rules! zone {
     ($name:literal) => {
         #[cfg(feature = "tracy")]

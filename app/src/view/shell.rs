@@ -3,13 +3,13 @@
 //! The window's graph, `pipelines/view/window.ron`, draws the pictures of the scene (one, two with a split line, or
 //! their difference) and egui's triangles over them. A window presents its frames, or a test reads them back.
 //!
-//! A frame of the window is drawn only if it would differ from the last one. A [`Frame`] contains the time of the next
-//! one. The shell's owner sleeps until then, or until an event, and polls for finished frames ([`Shell::collect`])
-//! while some are in flight.
+//! A frame of the window is drawn only if it would differ from the last one, if a [`FrameRequest`] demands it, or if
+//! frames are drawn continuously. A [`Frame`] contains the time of the next one. The shell's owner sleeps until then,
+//! or until an event, and polls for finished frames ([`Shell::collect`]) while some are in flight.
 //!
 //! On a CPU, the scene has its own device ([`crate::draw::backend::Backend::open_beside`]), so that the window stays
 //! responsive during a long picture. On a GPU, both share one queue, in which frames of the window would wait behind a
-//! picture; during a long picture, none are submitted.
+//! picture; during a long picture, the window submits no frames.
 
 use super::events::{Event, RendererId};
 use super::history::History;
@@ -63,7 +63,7 @@ pub struct Frame {
     pub platform: egui::PlatformOutput,
     /// Requests to the window, in the order of the user's input.
     pub commands: Vec<Command>,
-    /// True if the window was drawn; false if nothing changed, or if the frame could not be submitted yet.
+    /// True if the window was drawn; false if nothing changed, the frame could not be submitted yet, or drawing failed.
     pub drawn: bool,
     /// Time of the next frame; `None` to wait for an event. Completion of frames in flight is not included: see
     /// [`Shell::in_flight`].
@@ -87,11 +87,12 @@ pub struct Shell {
     catalog: Arc<Catalog>,
     history: History,
     events: Vec<Event>,
-    /// Content of the window's newest frame, without the user interface; `None` if the window did not show the frame.
+    /// Content of the window's newest frame, without the user interface; `None` before the first, on new devices, and
+    /// if the window did not show the frame.
     shown: Option<Content>,
     /// Time at which to draw the window again, because it did not show its newest frame.
     again: Option<Instant>,
-    /// True if a frame of the window is due, but its device could not accept it yet.
+    /// True if a frame of the window is due, but its device could not accept it yet, or failed.
     owed: bool,
     /// True if a frame in flight is to be read back.
     reading: bool,
@@ -185,7 +186,7 @@ impl Shell {
         !self.viewer.busy() && (!waits || self.problem().is_some())
     }
 
-    /// Applies the input, and draws the pictures and the window if they changed.
+    /// Opens dropped files, applies the input, and draws the pictures and the window if they changed.
     pub fn frame(&mut self, input: RawInput, request: FrameRequest) -> Frame {
         zone!("window frame");
         let begun = Instant::now();
@@ -293,7 +294,8 @@ impl Shell {
         renderer::frames::collect(&mut [&mut self.canvas], patience)
     }
 
-    /// Returns true if a frame of the window can be submitted without waiting long behind a picture.
+    /// Takes the results of the window's finished frames; returns true if another can be submitted without waiting long
+    /// behind a picture.
     fn is_free(&mut self) -> bool {
         let behind = |since: Instant| since.elapsed() >= QUEUE;
         let apart = self.viewer.to_host;
@@ -401,7 +403,7 @@ impl Shell {
         self.events.push(event);
     }
 
-    /// Waits up to `within` for each device's frames in flight.
+    /// Waits up to `within` for each renderer's frames in flight.
     ///
     /// # Errors
     /// See [`Renderer::finish`].

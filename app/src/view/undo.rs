@@ -109,7 +109,8 @@ impl Settings {
         }
     }
 
-    /// Describes the difference from other settings, such as `digit_bits`, `graph splat` or `5 settings`.
+    /// Describes the difference from other settings, such as `digit_bits`, `graph splat` or `5 settings`; empty without
+    /// one.
     fn difference(&self, other: &Settings) -> String {
         let mut parts: Vec<String> = Vec::new();
         if self.scene != other.scene || self.other != other.other {
@@ -162,7 +163,8 @@ pub struct History {
 }
 
 impl History {
-    /// Records the settings after a frame. `by_program` is true for changes that the user did not request.
+    /// Records the settings after a frame: as a step, if they changed, and then drops the steps to redo. With
+    /// `by_program`, the user did not request the change, and it becomes part of the previous step.
     pub fn observe(&mut self, settings: Settings, by_program: bool) {
         let Some(now) = &mut self.now else {
             self.now = Some(settings);
@@ -181,7 +183,8 @@ impl History {
         }
     }
 
-    /// Replaces a scene's marks in all steps by the current ones, because its splats' indices changed.
+    /// Replaces a scene's marks in all steps by the current ones, because its splats' indices changed. Does nothing if
+    /// the current settings lack the scene.
     pub fn forget_marks(&mut self, scene: &Path) {
         let Some(now) = &self.now else { return };
         let of = |settings: &Settings| [settings.scene == scene, settings.other.as_deref() == Some(scene)];

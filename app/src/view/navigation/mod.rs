@@ -213,8 +213,8 @@ pub struct Navigation {
 impl Navigation {
     /// Creates a navigation that starts at the camera `start`.
     ///
-    /// `bounds` is the box around most of the scene's splats ([`splatgraph_assets::Scene::robust_bounds`]). `up` is
-    /// [`mean_up`] of the scene's cameras, or [`DEFAULT_UP`], which also replaces a vector without a direction.
+    /// `bounds` is the box around most of the scene's splats ([`splatgraph_assets::Scene::robust_bounds`]). `up` may
+    /// have any length; [`DEFAULT_UP`] replaces a vector without a direction.
     pub fn new(bounds: &Bounds, start: &Camera, up: DVec3) -> Navigation {
         let pose = Pose {
             position: DVec3::ZERO,
@@ -261,10 +261,10 @@ impl Navigation {
         self.up = up.try_normalize().unwrap_or(self.up);
     }
 
-    /// Sets whether the graph draws an orthographic view. Its near plane would cut into the scene if the camera moved
-    /// closer, so zooming changes only the scale, and moving the camera keeps it.
+    /// Sets whether the graph draws an orthographic view. Zooming then changes only the scale, because the near plane
+    /// would cut into the scene if the camera moved closer; moving the camera keeps the scale.
     ///
-    /// For another projection, the camera then moves to where the picture has the same scale at the pivot.
+    /// With false, the camera moves to where the perspective picture has the same scale at the pivot.
     pub fn set_orthographic(&mut self, orthographic: bool) {
         self.orthographic = orthographic;
         if !orthographic && self.pose.magnification != 1.0 {
@@ -283,8 +283,8 @@ impl Navigation {
         self.height_of(&self.pose)
     }
 
-    /// Sets the height of the orthographic view, in world units, within [`DISTANCES`] times the scene's size; NaN is
-    /// ignored.
+    /// Sets the height of the orthographic view, in world units, within [`DISTANCES`] times the scene's size, and ends
+    /// a flight; NaN is ignored.
     pub fn set_height(&mut self, height: f64) {
         if !height.is_nan() {
             (self.flight, self.unmoved) = (None, None);
@@ -304,7 +304,8 @@ impl Navigation {
         Pose { magnification: pose.magnification * self.height_of(&pose) / height, ..pose }
     }
 
-    /// Sets whether flights to another camera are animated (the default) or instant.
+    /// Sets whether flights to another camera are animated (the default) or instant. With false, a current flight
+    /// arrives at once.
     pub fn set_animated(&mut self, animated: bool) {
         self.animated = animated;
         if !animated && let Some(flight) = self.flight.take() {

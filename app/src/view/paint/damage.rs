@@ -74,8 +74,8 @@ impl Interface {
         (other.window, other.view) == (self.window, self.view) && Arc::ptr_eq(&other.texels, &self.texels)
     }
 
-    /// Lists the areas to redraw in a window that shows `former`, and whether each needs its background; `None` redraws
-    /// all.
+    /// Lists the areas to redraw in a window that shows `former`, and whether each needs its background. Everything is
+    /// redrawn if `former` is `None`, or has another layout or other texels.
     pub fn areas(&self, former: Option<&Interface>) -> Vec<(Rect, bool)> {
         let [width, height] = self.window.map(|side| side as f32);
         let [left, top, across, down] = self.view.map(|length| length as f32);

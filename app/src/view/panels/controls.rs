@@ -32,7 +32,7 @@ pub struct Controls {
     now: BTreeMap<String, Rect>,
     /// Requests to the window.
     pub(super) commands: Vec<Command>,
-    /// Message about a text that the user typed into a field of numbers, and that is no number.
+    /// Message about text that the user typed into a number field, if it is not a number.
     pub(super) refused: Option<String>,
 }
 

@@ -86,7 +86,7 @@ impl Toasts {
         }
     }
 
-    /// Draws the toasts at the top right of the picture.
+    /// Draws the toasts at the top right of the picture, and removes expired and dismissed ones.
     pub fn show(&mut self, ctx: &Context, view: Rect, controls: &mut Controls) {
         let now = Instant::now();
         self.shown.retain(|toast| toast.end > now);
@@ -221,7 +221,7 @@ pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
 }
 
 /// Draws the comparison card at the bottom of the split line: the median times of A and B, progress or result, and a
-/// button that marks the worst pixel. Draws nothing without a comparison.
+/// button that toggles `marked`. Marks the worst pixel if `marked`. Draws nothing without a comparison.
 pub fn comparison(
     ctx: &Context,
     viewer: &mut Viewer,

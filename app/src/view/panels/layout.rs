@@ -227,7 +227,8 @@ impl Layout {
         }
     }
 
-    /// Gives tools their stored lengths and the picture the rest, recursively from `tile`.
+    /// Gives tools their stored lengths and the picture the rest, recursively from `tile`. Tools shrink before the
+    /// picture would be smaller than [`PICTURE`]. Containers without the picture keep their shares.
     fn set_shares(&mut self, tile: TileId, size: Vec2) {
         let Some(Tile::Container(container)) = self.tree.tiles.get(tile) else { return };
         let Container::Linear(container) = container else {

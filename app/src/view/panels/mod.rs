@@ -325,7 +325,8 @@ impl Panels {
         self.selection.as_ref()
     }
 
-    /// Draws the panels and applies the user's input to the viewer.
+    /// Draws the panels and applies the user's input to the viewer. `window` has the times of the window's graph;
+    /// `window_failure` is its problem, with ANSI colours.
     pub fn show(
         &mut self,
         ui: &mut Ui,

@@ -128,8 +128,8 @@ impl State {
     }
 }
 
-/// Returns the title of a parameter's group. In a graph with parts, this is the part that declares it, or `this graph`;
-/// in a graph without parts, the phase of the passes that depend on it.
+/// Returns the title of a parameter's group. In a graph with parts, this is the part that declares it, or `this graph`.
+/// In a graph without parts, it is the phase of the passes that depend on it, `Several phases`, or `Other` if none do.
 fn group(plan: &Plan, control: &Control, has_parts: bool) -> String {
     if let Some(part) = &control.part {
         return part.clone();

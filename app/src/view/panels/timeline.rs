@@ -21,7 +21,7 @@ use splatgraph_framework::ir::Run;
 const GAP: f32 = 16.0;
 /// Minimum width of a pass at zoom 1, in points.
 const MIN_WIDTH: f32 = 4.0;
-/// Width of a pass of the prologue, in points.
+/// Width of a pass of the prologue at zoom 1, in points.
 const ONCE: f32 = 12.0;
 /// Width of the column with the lanes' names, in points.
 const NAMES: f32 = 152.0;

@@ -193,7 +193,8 @@ impl Renderer {
         self.stalled.as_ref()
     }
 
-    /// Returns the error of the last attempt to draw a frame; `None` if it succeeded, or if the device is lost.
+    /// Returns the error of the last attempt to draw a frame; `None` if it succeeded, after a swap of plans, or if the
+    /// device is lost.
     pub fn trouble(&self) -> Option<&BackendError> {
         match &self.device.fault {
             Some(Fault::Failing { error, .. }) => Some(error),
@@ -235,7 +236,8 @@ impl Renderer {
         self.scene == Some(scene.identity())
     }
 
-    /// Returns the parameters with their requested values; constants may still wait for a new plan.
+    /// Returns the parameters with their requested values; constants may still wait for a new plan. Empty before the
+    /// first plan.
     pub fn controls(&self) -> &[Control] {
         &self.controls
     }
@@ -245,7 +247,7 @@ impl Renderer {
         &self.choice.set
     }
 
-    /// Returns the failure of the newest build; `None` if it succeeded.
+    /// Returns the failure of the newest build; `None` if it succeeded, or before the first one ends.
     ///
     /// After a change of a file, the previous result stays for a short time, because the file may be half written.
     pub fn failure(&self) -> Option<&Failure> {
@@ -388,7 +390,8 @@ impl Renderer {
         self.build.ask(PendingBuild { causes, asked, attempt });
     }
 
-    /// Takes finished plans, and starts a build if something changed. Must be called before every frame.
+    /// Takes finished builds, starts a build if something changed, and reports failures as events. Must be called
+    /// before every frame.
     pub fn poll(&mut self, inputs: &PlanInputs, now: Instant) {
         self.now = now;
         self.take_builds();
@@ -531,6 +534,7 @@ impl Renderer {
     }
 
     /// Sets aside the settings that the new plan's graph rejects, and restores rejected settings that it accepts again.
+    /// Both are reported as events.
     fn sort_settings(&mut self) {
         let control = |name: &str| self.controls.iter().find(|control| control.param.name == name);
         let fits = |name: &String, text: &mut String| {
@@ -561,7 +565,7 @@ impl Renderer {
     }
 
     /// Sets the new plan's parameters to the current settings, which may have changed since the build was requested. A
-    /// constant without a setting keeps its value in the plan.
+    /// constant without a setting, and any parameter with an invalid one, keeps its value in the plan.
     fn apply_set(&mut self) {
         for Control { param, unset, .. } in &mut self.controls {
             match self.choice.set.get(&param.name).map(|text| parse_value(text, &param.domain)) {

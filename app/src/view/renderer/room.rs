@@ -17,7 +17,8 @@ impl Renderer {
         self.crowded.as_ref().map(|crowded| crowded.reason.as_str())
     }
 
-    /// Returns true until the first frame of a plan with growing lists has finished; false if frames cannot be drawn.
+    /// Returns true while a plan has growing lists and none of its frames has finished; false if the last attempt to
+    /// draw failed.
     pub fn may_grow(&self) -> bool {
         self.whole.is_none() && self.trouble().is_none() && self.grows()
     }
@@ -70,7 +71,8 @@ impl Renderer {
         }
     }
 
-    /// Records the failure of a build. If only capacity had changed, gives up the build; frames then stay incomplete.
+    /// Records the failure of a build. If the build raised capacities, restores those of the last plan, unless the
+    /// build panicked or the device is lost. A build for capacity alone is given up; frames then stay incomplete.
     pub(super) fn refuse(&mut self, causes: &Causes, failure: Failure) {
         let ended = match &failure {
             Failure::Backend(error) => ends_device(error),

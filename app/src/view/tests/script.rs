@@ -314,7 +314,7 @@ impl Script {
         (0..100).any(|_| self.frame(false).is_some_and(|frame| frame.drawn))
     }
 
-    /// Resumes a hanging device once the viewer has reported that it hangs.
+    /// Resumes a hanging device once the viewer has reported the hang, unless [`Script::set_hanging`] keeps it hanging.
     fn resume(&mut self) {
         if self.hangs {
             return;

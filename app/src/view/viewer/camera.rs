@@ -33,14 +33,15 @@ impl Viewer {
         projection::shown(&self.camera_of(id, self.asked), graph, self.loaded(id))
     }
 
-    /// Returns the projection of a viewport's graph; `None` before its first plan.
+    /// Returns the projection of a viewport's graph; `None` without the viewport or before its first plan.
     fn graph_projection(&self, id: RendererId) -> Option<Projection> {
         let viewport = if id == RendererId::B { self.b.as_ref() } else { Some(&self.a) };
         let plan = viewport.and_then(|viewport| viewport.renderer.plan());
         plan.map(|plan| projection::of_params(&plan.params))
     }
 
-    /// Sets the up direction, also of files that are written. Without cameras, the view is that of [`Camera::framing_upright`]; with cameras, it stays.
+    /// Sets the up direction of the navigation and of exported files. With selectable cameras, the view stays; without,
+    /// the whole scene is shown upright.
     pub fn set_up(&mut self, up: [f64; 3]) {
         self.subject.up = Some(up);
         match self.cameras.is_empty() {
@@ -49,7 +50,7 @@ impl Viewer {
         }
     }
 
-    /// Sets the up direction, also of files that are written, and flies to the view of the whole scene that is upright with respect to it.
+    /// Sets the up direction of the navigation and of exported files, and flies to an upright view of the whole scene.
     pub fn show_upright(&mut self, up: [f64; 3]) {
         self.subject.up = Some(up);
         self.navigation.set_up(up.into());
@@ -68,7 +69,9 @@ impl Viewer {
         self.navigation.camera(width, height).in_world(self.scene().offset())
     }
 
-    /// Applies the user's input to the camera, or advances the path; returns true if the camera moved.
+    /// Advances the path if it is played, and applies the user's input; returns true if the camera moved.
+    ///
+    /// Adopts the projection of A's graph.
     ///
     /// Playback pauses on input that moves the camera, and if anything else moved it since the last call.
     pub fn navigate(&mut self, input: &Input) -> bool {
@@ -141,8 +144,8 @@ impl Viewer {
         }
     }
 
-    /// Uses a file's cameras as `role` says: views are appended, keys and selectable cameras are replaced. Fails if the
-    /// new keys cannot form a path.
+    /// Uses a file's cameras as `role` says: views are appended, keys and selectable cameras are replaced. New keys
+    /// also pause and rewind the path. Fails if they cannot form a path.
     pub(super) fn take_world_cameras(
         &mut self,
         role: CameraRole,

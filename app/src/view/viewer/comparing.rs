@@ -13,7 +13,7 @@ pub type Differences = (Comparison, [usize; 2]);
 pub(super) struct Compared {
     pub camera: Camera,
     pub background: [f32; 3],
-    /// Graph and scene of A and B; a scene by its identity.
+    /// Graph with its settings, and identity of the scene, of A and B; `None` without B.
     pub sides: [Option<(Choice, u64)>; 2],
 }
 

@@ -1,7 +1,7 @@
 //! Compares A and B: reads both pictures back, and computes their differences on another thread.
 //!
-//! A comparison starts once both viewports draw the requested state. Its result is out of date once the camera, a scene
-//! or a setting changes.
+//! A comparison starts once both viewports draw the requested state. Its result is out of date once the camera, the
+//! background, a scene, a graph or a setting changes.
 
 use super::comparing::{Compared, Differences, Step};
 use super::{Viewer, Viewport};
@@ -12,7 +12,8 @@ use splatgraph_api::Pixels;
 use splatgraph_reference::metrics::{self, Comparison};
 
 impl Viewer {
-    /// Compares the next pictures of A and B. The result is reported as an event and by [`Viewer::comparison`].
+    /// Compares the next pictures of A and B. The result is reported as an event and by [`Viewer::comparison`]; a
+    /// failure, such as a hidden B, only as an event.
     ///
     /// Does nothing without B, or while a comparison is in progress.
     pub fn measure(&mut self) {
@@ -31,7 +32,8 @@ impl Viewer {
         self.comparing.newest.as_ref().map(|(found, _)| found)
     }
 
-    /// Returns true if the newest comparison is of the current camera and settings.
+    /// Returns true if the newest comparison has the current camera, background, scenes, graphs and settings; false
+    /// without one.
     pub fn comparison_is_current(&self) -> bool {
         self.comparing.newest.as_ref().is_some_and(|(_, of)| *of == self.compares_now())
     }
@@ -55,7 +57,8 @@ impl Viewer {
         }
     }
 
-    /// Requests a read-back of both pictures once both viewports draw the requested state.
+    /// Requests a read-back of both pictures once both viewports draw the requested state. If B is hidden, proceeds at
+    /// once, so that [`Viewer::compare_pictures`] reports it.
     pub(super) fn start_comparison(&mut self) {
         let asks = match self.comparing.step {
             Step::Waiting => self.b.is_none() || self.compare == Mode::A || !self.changes_soon(),
@@ -91,7 +94,8 @@ impl Viewer {
         self.events.push(Event::Problem { text: format!("A and B cannot be compared: {why}") });
     }
 
-    /// Compares both pictures on another thread, once they have been read back.
+    /// Compares both pictures on another thread, once they have been read back. Gives up, and reports the reason, if B
+    /// is hidden or a picture cannot be drawn or read.
     pub(super) fn compare_pictures(&mut self) {
         if self.comparing.step != Step::Reading {
             return;

@@ -11,7 +11,7 @@ use std::time::Instant;
 /// Name of the graph that makes the copies, in its pass [`PASS`].
 const GRAPH: &str = "bench/copy";
 const PASS: &str = "copy";
-/// Number of frames drawn. The result is the median of those without the prologue.
+/// Number of frames to draw. The result is the median over the frames without the prologue.
 const FRAMES: u64 = 40;
 /// Size of the measuring graph's output, in pixels; it is never shown.
 const SIZE: (u32, u32) = (16, 16);
@@ -27,7 +27,8 @@ impl Viewer {
         self.copying.is_some()
     }
 
-    /// Starts measuring the copy limit with the next frames; reports a failure as an event.
+    /// Drops the copy limit, and measures it with the next frames; reports a failure as an event. Does nothing during a
+    /// measurement.
     pub fn measure_copy(&mut self) {
         if self.is_measuring_copy() {
             return;
@@ -79,7 +80,7 @@ impl Viewer {
 }
 
 /// Computes the bandwidth in 10^9 bytes per second. Uses the time of the pass or, if pass times are unreliable, of the
-/// frame.
+/// frame; `None` without times.
 fn rate(viewport: &Viewport) -> Option<f64> {
     let plan = viewport.renderer.plan()?;
     let pass = plan.passes.iter().find(|pass| pass.name == PASS)?;

@@ -12,7 +12,8 @@ const MAX_PRESETS: usize = 8;
 
 impl Viewer {
     /// Draws a viewport with another graph. Parameters keep their settings, except parameters that a preset `graph`
-    /// sets itself. The renderer drops, and reports, settings that the graph rejects.
+    /// sets itself: their settings are dropped and reported. The renderer sets aside, and reports, settings that the
+    /// graph rejects.
     pub fn choose_graph(&mut self, id: RendererId, graph: &str) {
         let Some(viewport) = self.viewport(id) else { return };
         let renderer = &mut viewport.renderer;

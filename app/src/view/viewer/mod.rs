@@ -359,7 +359,7 @@ impl Viewer {
     /// Replaces the selectable cameras, given in scene coordinates, selects the first, and jumps to it. Without
     /// cameras, the view stays.
     ///
-    /// The mean of their up directions becomes the navigation's, or the scene's if they cancel out.
+    /// The navigation's up direction becomes the mean of the cameras', or the scene's if they cancel out.
     pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
         if let Some(camera) = cameras.first() {
             let up = navigation::mean_up(&cameras).unwrap_or_else(|| self.scene().up().into());

@@ -71,8 +71,8 @@ impl Viewer {
         self.opening.scene(id)
     }
 
-    /// Loads a scene for a viewport on another thread, and shows it when done. A later request replaces this one. If B is
-    /// given A's file, by any path, it shares A's scene.
+    /// Loads a scene for a viewport on another thread, and shows it when done. A later request replaces this one. If B
+    /// is given A's file, by any path, it shares A's scene. Failures become events.
     pub fn open_scene_in(&mut self, id: RendererId, path: &Path) {
         if id == RendererId::B && canonical(path) == self.subject.file {
             return self.share_scene();
@@ -128,7 +128,7 @@ impl Viewer {
         self.reloads(id, path) || self.failed_list(id) == Some(path)
     }
 
-    /// Makes B draw A's scene instead of its own.
+    /// Makes B draw A's scene instead of its own, and cancels a load for B.
     pub fn share_scene(&mut self) {
         self.opening.cancel_scene(RendererId::B);
         self.placed.forget(RendererId::B);
@@ -230,8 +230,9 @@ impl Viewer {
         }
     }
 
-    /// Takes the marks for a scene that was loaded for a viewport. Reports marks that were dropped because their file
-    /// changed.
+    /// Returns the marks for a scene that was loaded for a viewport: restored ones, or those of a list that was loaded
+    /// again; otherwise `None`. Reports marks that were dropped because their file changed, and records reindexed
+    /// lists.
     fn marks_for(&mut self, id: RendererId, subject: &Subject) -> Option<Marks> {
         let restored = self.restored[opening::index(id)].take();
         if restored.is_some() || !self.reloads(id, &subject.path) {
@@ -249,14 +250,15 @@ impl Viewer {
         Some(marks)
     }
 
-    /// Returns true if a viewport shows the list of scenes at `path`: loading it again keeps its marks.
+    /// Returns true if the viewport's own scene is the list of scenes at `path`: loading it again keeps its marks.
+    /// False for B while it shares A's scene.
     pub(super) fn reloads(&self, id: RendererId, path: &Path) -> bool {
         let is_its_own = id == RendererId::A || self.has_two_scenes();
         is_its_own && self.scene_path_of(id) == path && self.placed.follows(id, path)
     }
 
     /// Shows the scene of request `number` with the cameras beside it, or with the selectable cameras of a later
-    /// request.
+    /// request. A list that was loaded again keeps the view and the cameras.
     fn show_scene(&mut self, subject: Subject, number: u64, beside: Option<CamerasBeside>) {
         // The file was edited: keep the view while the user adjusts the placement.
         if self.reloads(RendererId::A, &subject.path) {

@@ -24,7 +24,8 @@ impl Viewer {
 
     /// Selects and hides splats. The picture follows once another thread has made the marked scene.
     ///
-    /// Marks that do not fit the scene, or that hide all splats, are rejected with an event.
+    /// Marks that do not fit the scene, or that hide all splats, are rejected with an event. A change of the hidden
+    /// splats drops the picked splats.
     pub fn set_marks(&mut self, id: RendererId, marks: Marks) {
         if *self.marks(id) == marks {
             return;

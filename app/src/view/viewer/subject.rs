@@ -47,9 +47,9 @@ impl Marks {
         self.visible(count).without(&self.selected)
     }
 
-    /// Converts marks of a list of scenes, loaded as `former`, to the list as loaded again. A scene's marks follow it
-    /// to its new position in the list if its file has the same splats; otherwise the marks are dropped, and the file
-    /// is returned. A file that the list names several times is matched in order.
+    /// Maps marks of a list of scenes from its previous load, `former`, to the new one, `scene`. A listed scene's marks
+    /// follow it to its new position in the list if its file has the same splats; otherwise the marks are dropped, and
+    /// the file is returned. A file that the list names several times is matched in order.
     pub(super) fn carried(&self, former: &Scene, scene: &Scene) -> (Marks, Vec<PathBuf>) {
         let (mut carried, mut dropped) = ([Vec::new(), Vec::new()], Vec::new());
         let mut left: Vec<&ScenePart> = scene.parts().iter().collect();
@@ -178,7 +178,7 @@ impl Subject {
         Navigation::new(&self.scene.robust_bounds(), &camera, up.into())
     }
 
-    /// Counts the hidden splats if they differ from those that the last file of the rest lacks; otherwise returns 0.
+    /// Counts the hidden splats; 0 if the last file of the rest was written with the same splats hidden.
     pub fn unsaved(&self) -> u32 {
         if self.left_out == self.marks.hidden { 0 } else { self.marks.hidden.len() }
     }
@@ -206,8 +206,9 @@ impl Subject {
         self.searches.clear();
     }
 
-    /// Selects and hides splats, and starts to build the marked scene on another thread. Fails, without changes, if all
-    /// splats would be hidden, a mark is out of range, or the system cannot start a thread.
+    /// Replaces the marks, and starts to build the marked scene on another thread. Without marks, the loaded scene is
+    /// drawn at once. Fails, without changes, if all splats would be hidden, a mark is out of range, or the system
+    /// cannot start a thread.
     pub fn set_marks(&mut self, marks: Marks) -> Result<(), String> {
         let count = self.whole.count();
         let end = marks.selected.end().max(marks.hidden.end());

@@ -16,7 +16,7 @@ type Chosen = (PathBuf, Option<CameraRole>);
 /// The chosen file (`None` if the user cancelled), and how long the dialog was open.
 type Answer = (Option<Chosen>, Duration);
 
-/// Time within which no user can cancel a dialog; one that ends earlier was never shown.
+/// Time within which no user can cancel a dialog; a dialog that ends earlier was never shown.
 const SHOWN: Duration = Duration::from_millis(500);
 
 /// File dialog; at most one is open.
@@ -61,8 +61,8 @@ impl Dialog {
         })
     }
 
-    /// Takes the chosen file; `None` while the dialog is open, or if it was cancelled. Fails if the system has no
-    /// dialog to show.
+    /// Takes the chosen file; `None` while the dialog is open, if it was cancelled, or without a request. Fails if the
+    /// system has no dialog to show.
     pub fn take(&mut self) -> Option<Result<Chosen, String>> {
         match self.answer.take()? {
             Ok((Some(chosen), _)) => Some(Ok(chosen)),
@@ -73,7 +73,8 @@ impl Dialog {
 }
 
 /// Returns an error if a dialog that ended without a file `after` this time was never shown; `None` if it was
-/// cancelled. On Linux, a desktop portal or else zenity shows the dialog; zenity is searched for in `path`.
+/// cancelled, and on systems other than Linux. On Linux, a desktop portal or else zenity shows the dialog; zenity is
+/// searched for in `path`.
 fn lacking(after: Duration, path: &OsStr) -> Option<String> {
     let has_zenity = || env::split_paths(path).any(|folder| folder.join("zenity").is_file());
     let is_lacking = cfg!(target_os = "linux") && after < SHOWN && !has_zenity();

@@ -1,7 +1,7 @@
 //! Opens a source location in the user's editor.
 //!
-//! `VISUAL` or `EDITOR` names the editor. An editor that is not in `EDITORS`, such as one that needs a terminal, is
-//! replaced by a `vscode://` link. If that fails, the error message names the location.
+//! `VISUAL` or `EDITOR` names the editor. Without either, or if the editor is not in `EDITORS`, for example because it
+//! needs a terminal, a `vscode://` link is opened. If that fails, the error message names the location.
 
 use crate::draw::builtin;
 use crate::io::uri;

@@ -65,7 +65,7 @@ pub struct WindowOptions<'a> {
     pub vsync: bool,
     /// True to draw continuously, even if nothing changes. A number of frames or a screenshot implies it.
     pub continuous: bool,
-    /// File that stores the arrangement between starts; `None` to use the default arrangement.
+    /// File that stores the arrangement between starts; `None` to use the default arrangement and save nothing.
     pub kept: Option<PathBuf>,
     /// Function that sets the initial state of the shell.
     pub setup: Setup<'a>,
@@ -73,8 +73,8 @@ pub struct WindowOptions<'a> {
     pub events: Option<Log>,
     /// File for a picture of the window, saved once everything is built; the window then closes.
     pub screenshot: Option<PathBuf>,
-    /// Minimum number of frames before the screenshot is saved or the window closes, which also wait until everything
-    /// is built. `None` means 3 with a screenshot; without one, the window stays open.
+    /// Minimum number of frames before the screenshot is saved or the window closes; both also wait until everything is
+    /// built. `None` means 3 with a screenshot; without one, the window stays open.
     pub frames: Option<u64>,
 }
 

@@ -97,7 +97,8 @@ impl Running {
         hidden || width == 0 || height == 0
     }
 
-    /// Draws a frame if one is due, and polls frames in flight; returns true if the window must close.
+    /// Draws a frame if one is due, and polls frames in flight; returns true if the window must close. Does neither
+    /// while the window is hidden or has no pixels.
     pub fn turn(&mut self) -> Result<bool> {
         let now = Instant::now();
         let is_due = |time: Option<Instant>| time.is_some_and(|time| time <= now);
@@ -228,8 +229,8 @@ impl Running {
         }
     }
 
-    /// Updates the window's title, which names the pass or the error that delays the next picture. Fails if the
-    /// window's own graph could never be drawn.
+    /// Updates the window's title, which names the pass or the error that delays the next picture, and reports a slow
+    /// pass as an event. Fails if the window's own graph could never be drawn.
     fn show_state(&mut self) -> Result<()> {
         if let Some(failure) = self.shell.is_blind() {
             let since = *self.blind.get_or_insert_with(Instant::now);
@@ -351,15 +352,16 @@ impl Running {
         told
     }
 
-    /// Waits for a file that is being written: the process may end without waiting for its threads.
+    /// Waits for a file that is being written: the process may end without waiting for its threads. Writes a failure to
+    /// standard error.
     pub fn finish_export(&mut self) {
         if let Some(event @ Event::FileFailed { .. }) = self.shell.viewer.finish_export() {
             say(event.to_string());
         }
     }
 
-    /// Closes the devices, and returns the validation messages. Waits for a file that is being written; other work that
-    /// does not end within [`CLOSING`] is abandoned when the process exits.
+    /// Saves the window layout, closes the devices, and returns the validation messages. Waits for a file that is being
+    /// written. If other work does not end within [`CLOSING`], the devices stay open, and no messages are returned.
     pub fn close(mut self) -> Vec<String> {
         if let Some(path) = &self.kept
             && let Err(error) = kept::keep(path, &self.shell.panels, self.shell.context())
