@@ -29,6 +29,7 @@ use crate::words::CHUNK;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::convert::Infallible;
+use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 use tracing::info_span;
 
@@ -198,6 +199,29 @@ impl Scene {
 
     pub(crate) fn with_breakdown(self, breakdown: SizeBreakdown) -> Self {
         Self { size_breakdown: OnceLock::from(breakdown), ..self }
+    }
+
+    /// Lists the parts of a scene that was loaded from a list of scenes, in the order of the list.
+    ///
+    /// Empty for other scenes, and if splats were dropped in the join. Scenes derived from this one have no parts.
+    pub fn parts(&self) -> &[ScenePart] {
+        &self.parts
+    }
+
+    /// Sets the parts, given as files with their numbers of splats. If splats were dropped in the join, there are no
+    /// parts.
+    pub(crate) fn with_parts(mut self, files: Vec<(PathBuf, u32)>) -> Self {
+        let mut end = 0;
+        let part = |(file, count): (PathBuf, u32)| {
+            let first = end;
+            end += count;
+            ScenePart { file, splats: first..end }
+        };
+        let parts = files.into_iter().map(part).collect();
+        if end == self.count() {
+            self.parts = parts;
+        }
+        self
     }
 
     /// Sets the mesh that is drawn beside the splats, in coordinates relative to [`Scene::offset`].
