@@ -258,7 +258,8 @@ impl Job {
     /// [`Ran::failed`].
     ///
     /// # Errors
-    /// The scene cannot be loaded, there is no device, or the folder has results of another request.
+    /// The scene cannot be loaded, there is no device, the folder has results of another request, or the files of a
+    /// failed view cannot be removed.
     pub fn run(&mut self, views: &[usize]) -> Result<Ran> {
         let mut ran = Ran::default();
         self.open()?;

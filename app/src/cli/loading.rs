@@ -25,8 +25,8 @@ pub static NEVER: AtomicBool = AtomicBool::new(false);
 
 /// Opens a device while another thread runs `load`, which loads the scene. Returns both results.
 ///
-/// If `open` fails, the load is cancelled, and its error is not reported. Drivers free memory when a thread that called
-/// them ends, so the device is not opened on a thread that ends here.
+/// If `open` fails, the load is cancelled, and the error of the load is not reported. Drivers free memory when a thread
+/// that called them ends, so the device is not opened on a thread that ends here.
 pub fn open_and_load<D, L: Send>(
     open: impl FnOnce() -> Result<D>,
     load: impl FnOnce(&AtomicBool) -> Result<L> + Send,
@@ -119,7 +119,8 @@ pub fn nearby(error: &LoadError) -> Option<PathBuf> {
     Some(folder.join(without_extension.map(PathBuf::as_path).or_else(near)?))
 }
 
-/// Loads the scene at `path`, or the demo scene. Returns the scene, its path, and the demo scene's camera.
+/// Loads the scene at `path`, or the demo scene for `None`. Returns the scene, its path, and the demo scene's camera;
+/// `None` for a scene at `path`.
 ///
 /// The demo scene is generated, and written to its path, unless its file can be loaded. Setting `cancel` stops the load
 /// of a scene file, but not of the demo scene.

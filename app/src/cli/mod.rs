@@ -186,6 +186,8 @@ impl Command {
 
 /// Creates the job of a command line, for a process that chooses the views itself. The first word is the command.
 ///
+/// The folders of `--include-root` stay allowed until the process ends.
+///
 /// # Errors
 /// The command has no views to share, its arguments are invalid, or they include `--shard`.
 pub fn job(arguments: &[OsString]) -> anyhow::Result<Job> {
@@ -212,7 +214,8 @@ pub fn main() -> ExitCode {
 
 /// Runs the program with `arguments`, of which the first is its name, and returns the exit code.
 ///
-/// `worker` compiles shaders in another process; `store` caches them between runs.
+/// `worker` compiles shaders in another process; `store` caches them between runs. Ends the process instead of
+/// returning if a compiler thread was abandoned or a window's device was left open.
 pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<ShaderCache>) -> u8 {
     let begun = Instant::now();
     output::signals::end_cleanly();
@@ -308,7 +311,8 @@ fn run_command(command: &Command) -> anyhow::Result<Outcome> {
     }
 }
 
-/// Builds the clap command. Its long help also lists graphs, devices, scene formats and generated scenes.
+/// Builds the clap command. If `arguments` ask for it, its long help lists graphs, devices, scene formats and generated
+/// scenes, and its long version has the program's hash.
 fn command(arguments: &[OsString]) -> clap::Command {
     let has = |word: &str| arguments.iter().skip(1).any(|argument| argument == word);
     let mut command = Cli::command();

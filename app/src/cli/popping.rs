@@ -81,7 +81,7 @@ const WIDTH: u32 = 480;
 const CSV: &str = "popping.csv";
 const PLOT: &str = "popping";
 
-/// Parses parameter values of a graph, `NAME=VALUE,...`.
+/// Parses parameter values of the default graph, `NAME=VALUE,...`.
 fn variant(text: &str) -> Result<Setting, String> {
     let set = text.split(',').map(options::setting).collect::<Result<Vec<_>, _>>()?;
     let name = set.iter().map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>().join(",");
@@ -175,7 +175,8 @@ fn shared_projection(variants: &[Setting]) -> Result<Option<Projection>, Usage> 
     Ok(first.map(|(_, projection)| projection))
 }
 
-/// Returns the cameras of the path. A single camera becomes an orbit around the scene.
+/// Returns the cameras of the path, at most [`WIDTH`] pixels wide without `--size`. A single camera becomes an orbit
+/// around the scene; of several, the first `--frames` are kept.
 fn path(args: &Args, scene: &Scene, mut cameras: Vec<Camera>) -> Result<Vec<Camera>> {
     if args.size.is_none() {
         cameras = cameras.iter().map(|camera| loading::at_most(camera, WIDTH)).collect();

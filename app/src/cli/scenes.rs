@@ -82,8 +82,8 @@ impl ScenesArgs {
         error.with_fit(&Wanted { graph, set, scene, catalog, size }, &target, path, &self.load)
     }
 
-    /// Loads the scenes, moves all but the first, and joins them. Also returns the demo scene's camera; `None` if a
-    /// scene is named.
+    /// Loads the scenes and meshes, moves all but the first by `--at`, and joins them. Also returns the demo scene's
+    /// camera; `None` if a scene is named.
     ///
     /// # Errors
     /// A scene cannot be loaded, the joined scene does not fit in memory, or `cancel` became true.

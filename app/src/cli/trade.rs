@@ -262,7 +262,8 @@ fn usage(error: StudyError) -> anyhow::Error {
     }
 }
 
-/// Returns an error if a file of the ledger would overwrite an input, or pictures would go into the `--truth` folder.
+/// Registers the inputs and the ledger's files. An error means that a file would overwrite an input, or that pictures
+/// would go into the `--truth` folder.
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.drawing.cameras.as_deref())?;
     guard.input("the graph", Path::new(&args.drawing.pipeline))?;

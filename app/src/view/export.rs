@@ -21,7 +21,8 @@ pub struct Written {
     pub splats: u32,
     /// Size of the file, in bytes.
     pub bytes: u64,
-    /// Properties of the scene that the file lacks, as `convert` lists them, without those that no picture shows.
+    /// Properties of the scene that the file lacks, as `convert` lists them, without those that no picture shows. Empty
+    /// for a list of indices.
     pub lost: Vec<String>,
 }
 

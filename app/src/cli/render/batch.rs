@@ -34,7 +34,8 @@ pub struct Batch {
     pictures: Pictures<Told>,
     /// Each picture whose pixels are in the device's memory has a clone of the sender.
     pixels: (Sender<Infallible>, Receiver<Infallible>),
-    /// `None` if they are not written: thousands of them would take hundreds of megabytes.
+    /// Statistics of the finished cameras. `None` if they are not written, because thousands take hundreds of
+    /// megabytes.
     done: Option<Vec<CameraStats>>,
     /// Number of cameras that saw no splat.
     pub blind: usize,
@@ -176,7 +177,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Waits for the oldest frame in flight, and starts to write its picture.
+    /// Waits for the oldest frame in flight, and starts to write its picture, or skips its camera if the frame failed.
     fn land(&mut self, session: &mut Session, progress: &Progress) -> Result<()> {
         let Some(Flying { frame, name, stem, size }) = self.flying.pop_front() else { return Ok(()) };
         let result = match session.wait(frame) {
@@ -266,7 +267,8 @@ impl Batch {
         _ = receiver.recv();
     }
 
-    /// Waits until all pictures are written. Returns the kept statistics of all cameras so far, in order.
+    /// Waits until all pictures are written. Returns the statistics of all cameras so far, in order; empty if none are
+    /// kept.
     pub fn finish(&mut self, progress: &Progress) -> Result<&[CameraStats]> {
         let _span = info_span!("wait for files").entered();
         while let Some(told) = self.pictures.wait()? {

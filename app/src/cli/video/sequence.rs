@@ -33,7 +33,7 @@ impl Sequence {
         image.save_as(self.format, &self.picture(frame))
     }
 
-    /// Lists the frames without a picture, and writes the record if there is none.
+    /// Lists the frames without a complete picture of this size, and writes the record if there is none.
     ///
     /// # Errors
     /// The folder holds frames of another film, or the record cannot be read or written.

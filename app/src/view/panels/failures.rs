@@ -131,7 +131,7 @@ fn gutter(line: &[(char, Color32)]) -> Option<usize> {
     line[..bar].iter().all(|(c, _)| *c == ' ' || c.is_ascii_digit()).then_some(bar)
 }
 
-/// Applies the parameters of an SGR escape sequence to a text colour.
+/// Applies the parameters of an SGR escape sequence to a text colour; all but the 16 named colours are ignored.
 fn sgr(parameters: &str, before: Color32) -> Color32 {
     let mut colour = before;
     let mut numbers = parameters.split(';').map(|n| n.parse::<usize>().unwrap_or(0));

@@ -1,4 +1,4 @@
-//! Shows the selected pass, barrier or resource with its contents.
+//! Shows the selected pass, barrier or resource, and below it the contents of a resource.
 
 use super::contents::{self, Target};
 use super::controls::Command;
@@ -147,8 +147,8 @@ fn show_pass(ui: &mut Ui, viewport: &mut Viewport, dump: &Dump, pass: &DumpPass,
     }
 }
 
-/// Compares a pass's time with a copy of as many bytes as it binds. Draws a button that measures the device's copy
-/// limit if it is unknown.
+/// Compares a pass's time with a copy of as many bytes as it binds. If the device's copy limit is unknown, draws a
+/// button that measures it, or a spinner during the measurement.
 fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
     match target.copy_limit {
         Some(rate) => {

@@ -288,7 +288,7 @@ impl Panels {
         self.select(selection);
     }
 
-    /// Describes the requested item, if no plan of A has contained it so far.
+    /// Returns an error message if an item was requested and no plan of A has contained it so far.
     pub fn missing(&self) -> Option<String> {
         self.requested.as_ref().map(|selection| format!("the plan has no {selection}"))
     }
@@ -414,8 +414,8 @@ impl Panels {
         median(self.frame_ms.iter().copied().collect()).filter(|ms| *ms > 0.0)
     }
 
-    /// Shows the effect of a constant on the plan above the list of parameters, if only that constant changed. Any
-    /// other change of the passes removes the text.
+    /// Shows how the last change of a constant changed the plan, in a line above the list of parameters. Removes the
+    /// line if several constants, the passes otherwise or the selected viewport changed.
     fn tell_effect(&mut self, viewer: &mut Viewer) {
         let selected = self.selected;
         let Some(plan) = viewer.viewport(selected).and_then(|viewport| viewport.renderer.plan()).cloned()
@@ -502,7 +502,7 @@ impl Panels {
         }
     }
 
-    /// Returns the text that [`Panels::show_notice`] shows; `None` once it is dismissed.
+    /// Returns the text of the last [`Panels::show_notice`]; `None` before it, and once the text is dismissed.
     pub fn notice(&self) -> Option<&str> {
         self.notice.as_deref()
     }
@@ -528,7 +528,8 @@ impl Panels {
     }
 }
 
-/// Describes how a plan differs from the previous one, such as `63 → 75 passes: sort 12 → 24`.
+/// Describes how a plan differs from the previous one, such as `63 → 75 passes: sort 12 → 24`, or `63 passes, as
+/// before` if no phase has another number of passes.
 fn difference(former: &Plan, plan: &Plan) -> String {
     // Returns the phase of each pass of a frame.
     fn phases(plan: &Plan) -> Vec<&str> {

@@ -91,7 +91,8 @@ impl State {
         self.radius = (self.radius * STEP.powi(steps)).clamp(*RADII.start(), *RADII.end());
     }
 
-    /// Begins a drag in a viewport's picture, at a position in points of the window.
+    /// Begins a drag in a viewport's picture, at a position in points of the window. With Shift, it adds to the
+    /// selection; with Ctrl, it removes from it.
     pub fn begin(&mut self, viewport: RendererId, at: Pos2, modifiers: Modifiers) {
         let combine = match modifiers {
             Modifiers { shift: true, .. } => Combine::Add,
@@ -123,7 +124,8 @@ impl State {
         }
     }
 
-    /// Ends the drag, and selects the splats in its region. `view` is the picture's rectangle, in points.
+    /// Ends the drag, and requests a selection of the splats in its region; a box without a second corner has none.
+    /// `view` is the picture's rectangle, in points.
     pub fn end(&mut self, view: Rect, viewer: &mut Viewer) {
         let (Some(tool), Some(drag)) = (self.tool, self.drag.take()) else { return };
         let camera = viewer.picture_camera_of(drag.viewport);

@@ -370,8 +370,8 @@ impl View<'_> {
         }
     }
 
-    /// Draws memory: a bar for each resource's lifetime, circles for reads, squares for writes. Returns the resource that was
-    /// clicked.
+    /// Draws memory: a bar for each resource's lifetime, or over all passes if it has none; circles for reads, squares
+    /// for writes. Returns the resource that was clicked.
     fn draw_lanes(&self, ui: &Ui, lanes: &[Lane], controls: &mut Controls) -> Option<Selection> {
         let View { dump, columns, selection, area, palette, .. } = *self;
         let mut clicked = None;
