@@ -40,7 +40,7 @@ pub fn small(camera: Camera) -> Camera {
     camera.resized(SIZE.0, SIZE.1)
 }
 
-/// Generates a scene with thousands of splats per pixel, and a camera with half the usual picture size.
+/// Generates a scene for thousands of splats per pixel, and a camera with half the usual width and height.
 fn halved(name: &str, count: u32) -> (Scene, Camera) {
     let (scene, camera) = generated(name, count);
     (scene, camera.resized(SIZE.0 / 2, SIZE.1 / 2))
@@ -66,7 +66,7 @@ pub fn plain(index: usize) -> Splat {
     }
 }
 
-/// Returns a view of the ball from `distance` away.
+/// Returns a view of a ball of splats from `distance` away, `degrees` wide.
 fn ball(distance: f64, degrees: f64) -> (Scene, Camera) {
     let (scene, _) = generated("uniform", 2000);
     (scene, Camera::looking_at([0.0, 0.0, -distance], [0.0; 3], degrees, SIZE))

@@ -73,8 +73,8 @@ impl Way {
 
     /// Lists the pinhole presets, then variants of `splat`, `tiled` and `front_to_back`.
     ///
-    /// Quads blend in 32-bit floats, and tiles do not stop early. `factored` adds the factored covariance and `bytes`
-    /// an 8-bit target.
+    /// In presets, quads blend in 32-bit floats, and tiles do not stop early. The variants also have half-float
+    /// targets; `factored` adds the factored covariance, and `bytes` an 8-bit target.
     fn all(factored: bool, bytes: bool) -> Vec<Way> {
         let full = [("target", "rgba32f")];
         let preset = |preset: &'static str| match preset {

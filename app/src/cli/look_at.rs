@@ -125,8 +125,8 @@ impl LookAtArgs {
     /// Computes the circle through the eye around the axis `--up`, in the scene's coordinates.
     ///
     /// Without `--eye`, the first camera has the position of [`Camera::framing_upright`], or of
-    /// [`Camera::framing_around`] if the camera `turns`, and also its enlargement of a small scene unless `--fov` or
-    /// `--target` is given.
+    /// [`Camera::framing_around`] if the camera `turns`. Without `--eye`, `--fov` and `--target`, it also enlarges a
+    /// small scene as that camera does.
     ///
     /// # Errors
     /// The eye and the target coincide, or are too far away to draw. `--fov` is invalid for the projection.
@@ -164,7 +164,7 @@ impl LookAtArgs {
         Ok(Orbit { start, around: target.into(), axis: up })
     }
 
-    /// Makes a panorama level unless a target is given, because a viewer's floor would lean. Reports the pitch.
+    /// Makes a panorama level, because a viewer's floor would otherwise lean. With `--target`, only reports the pitch.
     fn panorama(&self, camera: Camera, up: [f64; 3]) -> Camera {
         if self.target.is_none() {
             return orbit::levelled(&camera, up);

@@ -19,7 +19,7 @@ pub struct Args {
     folder: PathBuf,
 }
 
-/// Runs the command. `program` is the program's command line.
+/// Runs the command. `program` defines the program's command line.
 pub fn run(args: &Args, program: Command) -> Result<Outcome> {
     let mut program = program.disable_help_subcommand(true);
     program.build();

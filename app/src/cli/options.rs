@@ -61,7 +61,8 @@ pub fn size(text: &str) -> Result<(u32, u32), String> {
     }
 }
 
-/// Parses `R,G,B` from 0 to 1, `#RRGGBB`, `black` or `white`.
+/// Parses `R,G,B`, `#RRGGBB`, `black` or `white`. Numbers beyond 0 to 1 are accepted, unless they look like 8-bit
+/// values.
 pub fn colour(text: &str) -> Result<[f32; 3], String> {
     let digits =
         text.strip_prefix('#').filter(|hex| hex.len() == 6).and_then(|hex| u32::from_str_radix(hex, 16).ok());
@@ -232,7 +233,7 @@ impl Drawing {
         super::cameras::load_sized(self.cameras.as_deref(), scene, self.size, self.ignore_distortion)
     }
 
-    /// Reads the cameras of `--cameras`.
+    /// Reads the cameras of `--cameras`; `None` without it.
     pub fn given_cameras(&self) -> Result<Option<Vec<Camera>>, CameraError> {
         let parse = |spec: &str| super::cameras::parse(spec, self.ignore_distortion);
         self.cameras.as_deref().map(parse).transpose()
@@ -335,7 +336,8 @@ pub fn command_line() -> String {
     std::env::args_os().map(|word| shell_word(&word.to_string_lossy())).collect::<Vec<_>>().join(" ")
 }
 
-/// Returns a path as text for JSON. Serde refuses a [`PathBuf`] that is not valid UTF-8, and `json!` panics on it.
+/// Converts a path to text for JSON, lossily. Serde refuses a [`PathBuf`] that is not valid UTF-8, and `json!` panics
+/// on it.
 pub fn text_of(path: &Path) -> String {
     path.display().to_string()
 }

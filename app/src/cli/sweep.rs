@@ -67,7 +67,7 @@ const PAGE: &str = "sweep.html";
 const CSV: &str = "sweep.csv";
 const JSON: &str = "sweep.json";
 
-/// Opens the device and loads the scene.
+/// Opens the device, loads the scene, and registers the graph's files in `guard`.
 fn open(args: &Args, guard: &mut OutputGuard, given: Option<Vec<Camera>>) -> Result<(Subject, Wanted)> {
     let Drawing { pipeline, set, size, .. } = &args.drawing;
     let settings = [Setting::of_graph(pipeline, set)];
@@ -103,7 +103,8 @@ fn save_pictures(shown: &[Shown], output: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Returns the path of a picture, relative to the folder of results. `count` is the number of splats kept.
+/// Returns the path of a picture, relative to the folder of results. `choice` is `None` for the picture of all splats;
+/// `count` is the number of splats kept.
 fn picture_of(choice: Option<Choice>, count: u32) -> PathBuf {
     format!("pictures/{}-{count}.png", choice.map_or("all", Choice::stem)).into()
 }
@@ -126,7 +127,7 @@ fn report(swept: &SweepResult, shown: &[Shown], output: &Path) -> Result<()> {
 #[derive(Serialize, Deserialize)]
 pub struct Part {
     steps: Vec<Step>,
-    /// Measured with the first view only.
+    /// Measured with the first view; empty for all others.
     closer: Vec<Closer>,
 }
 
@@ -197,7 +198,8 @@ impl Work for Views {
 /// Command name in the `job.json` of shared folders.
 pub const COMMAND: &str = "sweep";
 
-/// Writes the report of the views that several processes measured. Each picture is in one of `folders`.
+/// Writes the report of the views that several processes measured. Each picture is in one of `folders`. Without the
+/// first view, the report has no pictures.
 pub fn merge(origin: &Origin, parts: Vec<Part>, folders: &[PathBuf], output: &Path) -> Result<()> {
     let empty: SweepResult =
         serde_json::from_value(origin.get(job::REQUEST).cloned().context("the origin of a sweep")?)?;

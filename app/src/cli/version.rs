@@ -2,7 +2,8 @@
 
 use crate::io::program;
 
-/// Returns the version, the features, and the hash of the program that ledgers and shards carry.
+/// Returns the version, the features, and the program's hash, which ledgers and shards record. A hash that cannot be
+/// computed is `unknown`.
 pub fn long() -> String {
     let all = [
         ("av1", cfg!(feature = "av1")),

@@ -288,7 +288,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(args.device.validate, &messages))
 }
 
-/// Chooses a splat storage that fits `--memory` and the device; `None` keeps the graph's own.
+/// Chooses a splat storage that fits `--memory` and the device, and prints it; `None` keeps the graph's own. Opens the
+/// device only with `--memory`, or for a scene that may be too large for some supported device.
 ///
 /// # Errors
 /// The device cannot be opened, or the scene at `path` does not fit it with any storage.

@@ -47,7 +47,8 @@ unsafe impl GlobalAlloc for Counting {
 /// Locked by each test of this program, so that no test counts another's memory.
 pub static ALONE: Mutex<()> = Mutex::new(());
 
-/// Calls `work`. Returns its result and the peak of allocated bytes above the level before the call.
+/// Calls `work`. Returns its result and the peak of allocated bytes above the level before the call, on all threads.
+/// Must be called with [`ALONE`] locked.
 pub fn counted<T>(work: impl FnOnce() -> T) -> (T, usize) {
     let before = NOW.load(Relaxed);
     PEAK.store(before, Relaxed);

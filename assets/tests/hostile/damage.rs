@@ -32,7 +32,8 @@ const WORDS: &str = "ply format ascii binary_little_endian binary_big_endian 1.0
     uchar short uint int float double end_header comment x opacity f_rest_0 rot_3 position rotation \
     width fx [ }";
 
-/// Damages a file once or twice. Two in five damages begin in the first `head` bytes, which have the declared sizes.
+/// Damages a file once or twice, possibly with a piece of `other`. Two in five damages begin in the first `head` bytes,
+/// which have the declared sizes.
 fn damage(seed: &[u8], head: usize, other: &[u8], random: &mut Random) -> Vec<u8> {
     let mut bytes = seed.to_vec();
     for _ in 0..=random.below(2) {
@@ -82,8 +83,9 @@ fn replace_word(bytes: &mut Vec<u8>, at: usize, word: &str) {
     bytes.splice(start..end.max(start), word.bytes());
 }
 
-/// Runs the cases of one reader. `seeds` are whole files, each with the length of its head. `read` returns the kind of
-/// its error, and must allocate less than `memory` bytes plus 64 times the file's length.
+/// Runs the cases of one reader. `seeds` are whole files, which `read` must accept, each with the length of its head.
+/// `read` returns the kind of its error; it must end within [`TIME_LIMIT`], and allocate less than `memory` bytes plus
+/// 64 times the file's length.
 pub fn run(
     name: &str,
     seeds: &[(Vec<u8>, usize)],

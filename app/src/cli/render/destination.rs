@@ -68,7 +68,8 @@ pub enum Destination {
 }
 
 impl Destination {
-    /// Determines the destination from `--output` and `--format`; `None` without `--output`.
+    /// Determines the destination from `--output` and `--format`; `None` without `--output`. A path without an
+    /// extension is a folder, unless a device or a pipe exists there.
     ///
     /// # Errors
     /// The extension is unknown, or contradicts `--format`.
@@ -121,7 +122,8 @@ pub fn stem(file: &Path) -> std::borrow::Cow<'_, str> {
     file.file_stem().unwrap_or_default().to_string_lossy()
 }
 
-/// Names the file of a camera's output: `NAME.npy` in a folder, or `keys-NAME.npy` if there are several cameras.
+/// Names the file of a camera's output: `NAME.npy` in a folder, `keys-NAME.npy` for one of several cameras, or else
+/// `file`.
 pub fn per_camera(file: &Path, camera: &str, cameras: usize) -> PathBuf {
     if names::ends_in_separator(file) {
         return file.join(format!("{camera}.npy"));
