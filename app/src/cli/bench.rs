@@ -179,7 +179,7 @@ fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
     Ok(())
 }
 
-/// Writes the JSON. To standard output, only the last version is written.
+/// Writes the JSON, if `--json` is given; to standard output only if `last`.
 fn write_json(args: &Args, report: &impl Serialize, last: bool) -> Result<()> {
     match &args.json {
         Some(path) if last || !is_standard_output(path) => {

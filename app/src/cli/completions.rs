@@ -18,7 +18,7 @@ pub struct Args {
     shell: Shell,
 }
 
-/// Runs the command. `program` is the program's command line.
+/// Runs the command. `program` defines the program's command line.
 pub fn run(args: &Args, mut program: clap::Command) -> Result<Outcome> {
     let mut text = Vec::new();
     clap_complete::generate(args.shell, &mut program, "splatgraph", &mut text);

@@ -161,7 +161,7 @@ pub(super) struct Work {
     stems: Vec<String>,
 }
 
-/// Field of the JSON that [`origin`] describes.
+/// Field of the JSON with the value of [`origin`].
 const ORIGIN: &str = "origin";
 
 /// Subfolders of `--output`.
@@ -284,7 +284,9 @@ enum Drawer {
 }
 
 impl Drawer {
-    /// Opens the device and loads the scene at the same time. A given scene is not loaded again.
+    /// Loads the scene, unless it is given, while the device is opened. The exact renderer needs no device.
+    ///
+    /// Prepares the plan for the first view that can be drawn.
     fn open(args: &Args, work: &mut Work, scene: Option<Arc<Scene>>) -> Result<Drawer> {
         let load = |cancel: &_| {
             let load = || loading::load_scene_unless(cancel, &args.scene, &args.load).map(Arc::new);
@@ -346,7 +348,8 @@ fn request(args: &Args) -> Json {
 }
 
 /// Describes what the scores depend on besides the request: the program, the device, the graph that is drawn, and how
-/// photographs are made smaller. The graph is null for the exact renderer, and if no view was drawn.
+/// photographs are made smaller. The device and the graph are null for the exact renderer, and the graph if no view can
+/// be drawn.
 fn origin(drawer: &mut Drawer, downscaled: Option<&str>) -> Result<Json> {
     let (device, plan) = match drawer {
         Drawer::Reference(_) => (None, None),
@@ -427,7 +430,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 pub struct Part {
     #[serde(flatten)]
     score: Score,
-    /// Hash of the photograph's file. Another photograph is scored again.
+    /// Hash of the photograph's file. A view whose photograph has another hash is scored again.
     photograph: String,
 }
 

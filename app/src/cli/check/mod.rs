@@ -150,7 +150,8 @@ fn smallest(lanes: u32) -> Target {
     Target::new(&lanes.to_string(), facts::portable_device(lanes))
 }
 
-/// Describes the shaders that bind more storage buffers or images than the device allows; `None` if there are none.
+/// Describes the shaders that bind more storage buffers than the device allows, or else those that bind more storage
+/// images; `None` if there are none.
 fn exceeded(device: &Target, plan: &Plan) -> Option<String> {
     let is_image = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageImage { .. });
     let is_buffer = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageBuffer { .. });
@@ -349,7 +350,8 @@ struct Checked<'a> {
 }
 
 impl Checked<'_> {
-    /// Verifies a plan for subgroups of `lanes`. Returns its summary, or the violations.
+    /// Verifies a plan for subgroups of `lanes`, unless an equal plan was verified. Returns its summary, or the
+    /// violations. Passes new warnings to `warn`.
     fn plan(
         &mut self,
         planner: &Planner,

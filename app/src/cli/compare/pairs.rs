@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 /// Two pictures to compare.
 pub struct Pair {
-    /// Name of the first, without its folder and extension if it is of a folder.
+    /// Path of the first; for folders, its name without extension; for archives, the array's name.
     pub name: String,
     /// The first picture.
     pub a: PathBuf,

@@ -194,8 +194,7 @@ impl EditArgs {
         Ok((Scene::joined(&all)?, all.iter().map(bytes).sum()))
     }
 
-    /// Copies the merged scene, where `--transform` puts it, with the splats that [`EditArgs::changed`] leaves out;
-    /// `None` if no option leaves any out.
+    /// Copies the merged scene with all its splats, and applies `--transform`; `None` if no option leaves splats out.
     ///
     /// # Errors
     /// The copy does not fit in memory.

@@ -44,8 +44,8 @@ impl PriceArgs {
         self.json.as_ref().map_or(Ok(()), |path| Ok(guard.output("--json", path)?))
     }
 
-    /// Measures the prices of `scene`, which was loaded from `path`, and prints them. `truth` is the scene before splats
-    /// or bands were left out; `None` if it is the same.
+    /// Measures the prices of `scene`, which was loaded from `path`, and prints them or writes them to the file of
+    /// `--json`. `truth` is the scene before splats or bands were left out; `None` if it is the same.
     pub(super) fn run(&self, scene: Scene, truth: Option<Scene>, path: &Path) -> Result<Outcome> {
         let original = truth.as_ref().unwrap_or(&scene);
         let given = cameras::load_sized(self.cameras.as_deref(), Some(path), self.size, false)?;
