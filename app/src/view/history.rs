@@ -145,7 +145,7 @@ impl History {
         Quantiles::of(self.steady().filter_map(rest)).map(|rests| rests.median)
     }
 
-    /// Returns true if passes account for less than half of the frame time, so that their times are unreliable; false
+    /// Returns true if passes account for less than half of the frame time, so that their times are unreliable. False
     /// if either is unknown.
     pub fn is_mostly_unattributed(&self) -> bool {
         match (self.unattributed(), self.total()) {

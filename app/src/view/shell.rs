@@ -87,7 +87,7 @@ pub struct Shell {
     catalog: Arc<Catalog>,
     history: History,
     events: Vec<Event>,
-    /// Content of the window's newest frame, without the user interface; `None` before the first, on new devices, and
+    /// Content of the window's newest frame, without the user interface. `None` before the first, on new devices, and
     /// if the window did not show the frame.
     shown: Option<Content>,
     /// Time at which to draw the window again, because it did not show its newest frame.
@@ -294,8 +294,7 @@ impl Shell {
         renderer::frames::collect(&mut [&mut self.canvas], patience)
     }
 
-    /// Takes the results of the window's finished frames; returns true if another can be submitted without waiting long
-    /// behind a picture.
+    /// Takes the results of the window's finished frames; returns true if another would not wait long behind a picture.
     fn is_free(&mut self) -> bool {
         let behind = |since: Instant| since.elapsed() >= QUEUE;
         let apart = self.viewer.to_host;

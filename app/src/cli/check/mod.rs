@@ -151,7 +151,7 @@ fn smallest(lanes: u32) -> Target {
 }
 
 /// Describes the shaders that bind more storage buffers than the device allows, or else those that bind more storage
-/// images; `None` if there are none.
+/// images. `None` if there are none.
 fn exceeded(device: &Target, plan: &Plan) -> Option<String> {
     let is_image = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageImage { .. });
     let is_buffer = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageBuffer { .. });

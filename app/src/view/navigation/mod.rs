@@ -264,7 +264,7 @@ impl Navigation {
     /// Sets whether the graph draws an orthographic view. Zooming then changes only the scale, because the near plane
     /// would cut into the scene if the camera moved closer; moving the camera keeps the scale.
     ///
-    /// With false, the camera moves to where the perspective picture has the same scale at the pivot.
+    /// With false, a camera whose scale was changed moves to where the perspective picture has this scale at the pivot.
     pub fn set_orthographic(&mut self, orthographic: bool) {
         self.orthographic = orthographic;
         if !orthographic && self.pose.magnification != 1.0 {
@@ -283,8 +283,8 @@ impl Navigation {
         self.height_of(&self.pose)
     }
 
-    /// Sets the height of the orthographic view, in world units, within [`DISTANCES`] times the scene's size, and ends
-    /// a flight; NaN is ignored.
+    /// Sets the height of the orthographic view, in world units, and ends a flight. The height is limited to
+    /// [`DISTANCES`] times the scene's size; NaN is ignored.
     pub fn set_height(&mut self, height: f64) {
         if !height.is_nan() {
             (self.flight, self.unmoved) = (None, None);

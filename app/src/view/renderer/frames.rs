@@ -108,7 +108,7 @@ impl Renderer {
     /// Waits up to `patience` for the oldest frame in flight, and takes its result. Returns true if it is finished, or
     /// if no frame is in flight.
     ///
-    /// Also reports the swap to the frame's plan, and requests capacity for lists that overflowed.
+    /// Also reports the swap, if the frame is the first of its plan, and requests capacity for lists that overflowed.
     fn wait_for_oldest(&mut self, patience: Duration) -> Result<bool, BackendError> {
         if !self.wait_for(0, patience)? {
             return Ok(false);

@@ -193,7 +193,7 @@ impl Renderer {
         self.stalled.as_ref()
     }
 
-    /// Returns the error of the last attempt to draw a frame; `None` if it succeeded, after a swap of plans, or if the
+    /// Returns the error of the last attempt to draw a frame. `None` if it succeeded, after a swap of plans, or if the
     /// device is lost.
     pub fn trouble(&self) -> Option<&BackendError> {
         match &self.device.fault {

@@ -17,7 +17,7 @@ impl Renderer {
         self.crowded.as_ref().map(|crowded| crowded.reason.as_str())
     }
 
-    /// Returns true while a plan has growing lists and none of its frames has finished; false if the last attempt to
+    /// Returns true while a plan has growing lists and none of its frames has finished. False if the last attempt to
     /// draw failed.
     pub fn may_grow(&self) -> bool {
         self.whole.is_none() && self.trouble().is_none() && self.grows()

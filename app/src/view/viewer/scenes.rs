@@ -230,9 +230,8 @@ impl Viewer {
         }
     }
 
-    /// Returns the marks for a scene that was loaded for a viewport: restored ones, or those of a list that was loaded
-    /// again; otherwise `None`. Reports marks that were dropped because their file changed, and records reindexed
-    /// lists.
+    /// Returns the marks for a newly loaded scene: restored ones, or those of a list that was loaded again; otherwise
+    /// `None`. Reports marks that were dropped because their file changed, and records reindexed lists.
     fn marks_for(&mut self, id: RendererId, subject: &Subject) -> Option<Marks> {
         let restored = self.restored[opening::index(id)].take();
         if restored.is_some() || !self.reloads(id, &subject.path) {

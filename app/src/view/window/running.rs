@@ -229,8 +229,8 @@ impl Running {
         }
     }
 
-    /// Updates the window's title, which names the pass or the error that delays the next picture, and reports a slow
-    /// pass as an event. Fails if the window's own graph could never be drawn.
+    /// Updates the window's title, which names the pass or the error that delays the next picture. Reports a slow pass
+    /// as an event. Fails if the window's own graph could never be drawn.
     fn show_state(&mut self) -> Result<()> {
         if let Some(failure) = self.shell.is_blind() {
             let since = *self.blind.get_or_insert_with(Instant::now);
