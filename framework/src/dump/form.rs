@@ -58,6 +58,10 @@ pub struct Dump {
     pub stats: Vec<Stat<String>>,
     /// Total GPU milliseconds of the frame's passes, set by [`Dump::with_times`]; `None` if a needed time is missing.
     pub gpu_ms: Option<f64>,
+    /// Measured GPU milliseconds of a frame, from its first command to its last; `None` without a measurement. Exceeds
+    /// `gpu_ms` if the device works between passes, or if its timestamps of passes are inaccurate.
+    #[serde(default)]
+    pub frame_ms: Option<f64>,
     /// The encoders, for an API that has them. Filled in by its backend.
     #[serde(default)]
     pub encoders: Option<DumpEncoders>,
@@ -479,6 +483,11 @@ impl Dump {
         *handover = take(&mut totals.handover);
         frame.iter_mut().for_each(|pass| pass.barriers = take(&mut totals.frame));
         self
+    }
+
+    /// Computes the part of the measured frame that belongs to no pass, in milliseconds; `None` if unknown.
+    pub fn unattributed_ms(&self) -> Option<f64> {
+        Some((self.frame_ms? - self.gpu_ms?).max(0.0))
     }
 
     /// Iterates over all barriers, in the order of their ids.

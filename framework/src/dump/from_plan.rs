@@ -48,6 +48,7 @@ pub fn dump(plan: &Plan) -> Dump {
         outputs: plan.outputs.iter().map(|output| (output.name.clone(), name(&output.image))).collect(),
         stats: plan.stats.iter().map(|stat| stat.map(name)).collect(),
         gpu_ms: None,
+        frame_ms: None,
         encoders: None,
     }
 }

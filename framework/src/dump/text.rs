@@ -72,9 +72,10 @@ fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
     )?;
     if let Some(ms) = dump.gpu_ms {
         let phases = dump.phases.iter().filter(|p| p.run == Run::Frame);
-        let phases: Vec<String> =
-            phases.filter_map(|p| Some(format!("{} {:.3}", p.name, p.gpu_ms?))).collect();
-        writeln!(out, "{ms:.3} ms on the GPU: {}", phases.join(", "))?;
+        let phases = phases.filter_map(|p| Some(format!("{} {:.3}", p.name, p.gpu_ms?)));
+        let rest = dump.unattributed_ms().map(|rest| format!("unattributed {rest:.3}"));
+        let parts: Vec<String> = phases.chain(rest).collect();
+        writeln!(out, "{:.3} ms on the GPU: {}", dump.frame_ms.unwrap_or(ms), parts.join(", "))?;
     }
     if !dump.left_out.is_empty() {
         writeln!(out, "{}", left_out_counts(dump))?;
@@ -229,7 +230,7 @@ pub fn left_out_counts(dump: &Dump) -> String {
     format!("{} left out: {}", counted(dump.left_out.len(), "pass", "passes"), reasons.join(", "))
 }
 
-/// Formats the counts: `14 barriers (12 on all memory, 2 on images) in 12 calls, for 20 dependencies`.
+/// Formats the counts: `14 barriers (12 on all memory, 2 on images) in 12 calls, for 20 reasons`.
 pub(super) fn barrier_counts(t: &BarrierTotals) -> String {
     format!(
         "{} ({} on all memory, {} on images) in {}, for {}",
@@ -237,7 +238,7 @@ pub(super) fn barrier_counts(t: &BarrierTotals) -> String {
         t.memory_barriers,
         t.image_barriers,
         counted(t.calls, "call", "calls"),
-        counted(t.dependencies, "dependency", "dependencies"),
+        counted(t.dependencies, "reason", "reasons"),
     )
 }
 

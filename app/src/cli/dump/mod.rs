@@ -65,10 +65,10 @@ pub struct Args {
     /// `splatgraph check --help`, or a file from `splatgraph devices --json`
     #[arg(long, value_name = "NAME|INDEX|FILE")]
     device: Option<String>,
-    /// Size of the pictures
-    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "960x540", value_parser = options::size)]
-    size: (u32, u32),
-    /// Format [default: by the ending of --output (.json, .dot, .html), or text]
+    /// Size of the pictures [default: that of --times, or 960x540]
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
+    size: Option<(u32, u32)>,
+    /// Format [default: by the ending of --output (.json, .dot, .html, .txt), or text]
     #[arg(long, value_enum)]
     format: Option<Form>,
     /// Show how this API runs the plan
@@ -122,19 +122,28 @@ pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
 }
 
 impl Args {
-    fn format(&self) -> Form {
-        let extension = self.output.as_deref().and_then(Path::extension).unwrap_or_default();
-        self.format.unwrap_or(match extension.to_ascii_lowercase().to_str() {
-            Some("json") => Form::Json,
-            Some("dot") => Form::Dot,
-            Some("html") => Form::Html,
-            _ => Form::Text,
+    fn format(&self) -> Result<Form, Usage> {
+        let file = self.output.as_deref().unwrap_or(Path::new(""));
+        let extension = file.extension().unwrap_or_default().to_ascii_lowercase();
+        Ok(match (self.format, extension.to_str()) {
+            (Some(format), _) => format,
+            (None, Some("json")) => Form::Json,
+            (None, Some("dot")) => Form::Dot,
+            (None, Some("html")) => Form::Html,
+            (None, Some("" | "txt")) => Form::Text,
+            _ => {
+                return Err(Usage(format!(
+                    "expected --output with the ending .json, .dot, .html or .txt, or --format, found {}; \
+                     for a picture: `--format dot | dot -Tsvg`",
+                    file.display()
+                )));
+            }
         })
     }
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let format = args.format();
+    let format = args.format()?;
     if args.diff.is_some() && matches!(format, Form::Dot | Form::Html) {
         return Err(Usage("expected --format text or json with --diff; leave out one of them".into()).into());
     }
@@ -153,7 +162,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         None => (Target::nominal(), "; --device names another"),
     };
     let note = format!("the plan is for {}{note}", device.name);
-    let facts = facts::facts(&scene, &device.facts, args.size);
+    let timed_size = times.as_ref().and_then(|times| times.size);
+    let size = args.size.or(timed_size).unwrap_or(facts::DEFAULT_SIZE);
+    let facts = facts::facts(&scene, &device.facts, size);
     let mut planner = Planner::default();
     let mut dump_of = |graph: &str, set: &[(String, String)]| -> Result<Dump> {
         let plan = planner.plan(graph, set, &facts, &catalog);
@@ -171,7 +182,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     } else {
         if let Some(times) = times {
-            a = with_times(a, &times)?;
+            let device = args.device.as_ref().map(|_| device.name.as_str());
+            a = with_times(a, &times, (size, device))?;
         }
         match format {
             Form::Text => dump::encoders_text(&a).unwrap_or_else(|| dump::text(&a)),
@@ -186,9 +198,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
 }
 
 /// Adds GPU times to a dump. Fails if no time belongs to a pass of the plan, and warns if some times or passes are
-/// unmatched.
-fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
-    let (timed, found) = dump.with_times(&times.passes);
+/// unmatched, and if the times are from another `size`, device or parameter value than the plan.
+///
+/// A device of `None`, which stands for the nominal one, is not compared.
+fn with_times(dump: Dump, times: &times::Times, (size, device): ((u32, u32), Option<&str>)) -> Result<Dump> {
+    let (mut timed, found) = dump.with_times(&times.passes);
+    timed.frame_ms = times.frame_ms;
     let missing = timed.passes.iter().filter(|p| p.gpu_ms.is_none() && !p.needs_no_time()).count();
     if found == 0 {
         anyhow::bail!("the times belong to other passes: none of them is in {}", timed.graph);
@@ -202,6 +217,18 @@ fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
             times.passes.len() - found
         ));
     }
+    let others = times.others(&timed, size, device);
+    if !others.is_empty() {
+        say(format!("the times are from another run than the plan: {}", others.join(", ")));
+    }
+    if let (Some(frame), Some(rest)) = (timed.frame_ms, timed.unattributed_ms())
+        && rest > 0.25 * frame
+    {
+        say(format!(
+            "{rest:.3} ms of the frame's {frame:.3} ms belong to no pass: a CPU's driver may write a pass's timestamp before \
+             the pass ends, and only the time of the frame is then reliable"
+        ));
+    }
     Ok(timed)
 }
 
@@ -210,6 +237,7 @@ mod tests {
     use super::*;
     use crate::cli::parsed;
     use serde_json::{Value, json};
+    use splatgraph_framework::ir::Value::Int;
 
     fn dumped(folder: &Path, words: &str) -> Result<String> {
         dumped_as(folder, "out", words)
@@ -252,6 +280,9 @@ mod tests {
         assert_eq!(begins("a.html", "unsorted --format json"), begins("a.json", "unsorted"));
         assert!(begins("a.dot", "unsorted").starts_with("digraph"));
         assert_eq!(begins("a.txt", "unsorted"), begins("a", "unsorted"));
+        assert_eq!(begins("a.svg", "unsorted --format text"), begins("a", "unsorted"));
+        let error = dumped_as(folder.path(), "b.svg", "unsorted").unwrap_err().to_string();
+        assert!(error.contains(".html or .txt") && error.contains("dot -Tsvg"), "{error}");
         let error = dumped_as(folder.path(), "b.html", "splat --diff digit4").unwrap_err().to_string();
         assert!(error.contains("expected --format text or json with --diff"), "{error}");
     }
@@ -268,6 +299,21 @@ mod tests {
         let pass = dump["passes"].as_array().and_then(|p| p.iter().find(|p| p["name"] == "compose"));
         assert_eq!(pass.map(|p| &p["gpu_ms"]), Some(&json!(2.5)));
         assert_eq!(dump["gpu_ms"], Value::Null, "other passes of the frame have no time");
+
+        assert_eq!(dump["facts"]["viewport.width"], json!(960));
+        let camera = json!({
+            "pipeline": "splat", "width": 64, "height": 48, "device": "d", "gpu_ms": 9.0,
+            "parameters": { "cutoff": 1.0, "digit_bits": 8 },
+            "passes": [{"name": "compose", "gpu_ms": 1.0}],
+        });
+        std::fs::write(&stats, json!([camera]).to_string()).expect("written");
+        let text = dumped(folder.path(), &words).expect("it has a plan");
+        let dump: splatgraph_framework::dump::Dump = serde_json::from_str(&text).expect("JSON");
+        assert_eq!((dump.frame_ms, &dump.facts["viewport.width"]), (Some(9.0), &Int(64)));
+        let found = times::load(&stats).expect("times").others(&dump, (32, 24), Some("llvmpipe"));
+        assert_eq!(found[..2], ["pictures of 64x48 instead of 32x24", "device d instead of llvmpipe"]);
+        assert!(found[2..].iter().any(|other| other == "cutoff=1.0 instead of 3.33"), "{found:?}");
+        assert!(times::load(&stats).expect("times").others(&dump, (64, 48), None).len() < found.len());
 
         let others = json!([{"pipeline": "x", "passes": [{"name": "y", "gpu_ms": 1.0}]}]);
         std::fs::write(&stats, others.to_string()).expect("written");

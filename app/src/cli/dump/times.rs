@@ -1,9 +1,10 @@
 //! Reads GPU times for a dump from the statistics of `splatgraph render --json`.
 
-use crate::draw::stats::median;
+use crate::draw::stats::{json, median};
 use crate::io::named_file;
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
+use splatgraph_framework::dump::Dump;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -11,6 +12,15 @@ use std::path::Path;
 #[derive(Deserialize)]
 struct Camera {
     pipeline: String,
+    #[serde(default)]
+    width: u32,
+    #[serde(default)]
+    height: u32,
+    #[serde(default)]
+    device: String,
+    #[serde(default)]
+    parameters: serde_json::Map<String, serde_json::Value>,
+    gpu_ms: Option<f64>,
     passes: Vec<Pass>,
 }
 
@@ -23,8 +33,39 @@ struct Pass {
 #[derive(Debug, PartialEq)]
 pub struct Times {
     pub pipeline: String,
+    /// Size of the pictures; `None` if the cameras' sizes differ.
+    pub size: Option<(u32, u32)>,
+    pub device: String,
+    /// Values of the graph's parameters.
+    pub parameters: serde_json::Map<String, serde_json::Value>,
+    /// Median over the cameras of the frame's time, in milliseconds; `None` if none has a time.
+    pub frame_ms: Option<f64>,
     /// Pass names, each with its median time over the cameras, in milliseconds.
     pub passes: Vec<(String, f64)>,
+}
+
+impl Times {
+    /// Lists what differs between the run and a plan, as phrases such as `cutoff=1 instead of 3`.
+    ///
+    /// Capacities are not compared: a run raises them.
+    pub fn others(&self, dump: &Dump, size: (u32, u32), device: Option<&str>) -> Vec<String> {
+        let words = |(width, height)| format!("{width}x{height}");
+        let mut others = Vec::new();
+        if let Some(found) = self.size.filter(|found| *found != size) {
+            others.push(format!("pictures of {} instead of {}", words(found), words(size)));
+        }
+        if let Some(device) = device.filter(|device| !self.device.is_empty() && self.device != *device) {
+            others.push(format!("device {} instead of {device}", self.device));
+        }
+        for parameter in dump.parameters.iter().filter(|parameter| parameter.grows.is_none()) {
+            if let Some(value) = self.parameters.get(&parameter.name)
+                && *value != json(&parameter.value)
+            {
+                others.push(format!("{}={value} instead of {}", parameter.name, parameter.value));
+            }
+        }
+        others
+    }
 }
 
 /// Maximum size of the statistics, in bytes.
@@ -46,6 +87,10 @@ fn parse(text: &[u8]) -> Result<Times> {
     if let Some(other) = cameras.iter().find(|camera| camera.pipeline != pipeline) {
         bail!("expected one graph, found {pipeline} and {}", other.pipeline);
     }
+    let size = (first.width, first.height);
+    let same = size != (0, 0) && cameras.iter().all(|camera| (camera.width, camera.height) == size);
+    let (device, parameters) = (first.device.clone(), first.parameters.clone());
+    let frame_ms = median(cameras.iter().filter_map(|camera| camera.gpu_ms).collect());
     let mut found: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     for pass in cameras.into_iter().flat_map(|camera| camera.passes) {
         found.entry(pass.name).or_default().extend(pass.gpu_ms);
@@ -55,7 +100,7 @@ fn parse(text: &[u8]) -> Result<Times> {
     if passes.is_empty() {
         bail!("the device has no timestamps");
     }
-    Ok(Times { pipeline, passes })
+    Ok(Times { pipeline, size: same.then_some(size), device, parameters, frame_ms, passes })
 }
 
 #[cfg(test)]
@@ -74,7 +119,7 @@ mod tests {
             camera(r#"{"name": "draw", "gpu_ms": 2.0}"#),
         ];
         let times = parse(format!("[{}]", cameras.join(",")).as_bytes()).expect("they have times");
-        assert_eq!(times.pipeline, "splat");
+        assert_eq!((times.pipeline.as_str(), times.frame_ms), ("splat", Some(3.0)));
         assert_eq!(times.passes, [("draw".to_owned(), 2.0), ("once".to_owned(), 7.0)]);
     }
 

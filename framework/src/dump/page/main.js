@@ -12,12 +12,17 @@ function fillHeader() {
   $("graph").textContent = dump.graph;
   $("summary").textContent = dump.summary;
   const total = dump.totals;
+  const frameMs = dump.frame_ms ?? dump.gpu_ms;
   const tile = (value, label, title) => h("li", { title }, h("b", {}, value), h("span", {}, label));
   const saved = total.unshared_bytes > 0 ? Math.round((100 * total.saved_bytes) / total.unshared_bytes) : 0;
   $("totals").append(
     ...[
-      dump.gpu_ms !== null &&
-        tile(`${milliseconds(dump.gpu_ms)} ms`, "GPU per frame", "sum of the passes of the frame"),
+      frameMs !== null &&
+        tile(
+          `${milliseconds(frameMs)} ms`,
+          "GPU per frame",
+          dump.frame_ms === null ? "sum of the passes of the frame" : "from the first command to the last",
+        ),
       tile(
         total.frame_passes + (total.prologue_passes > 0 ? ` + ${total.prologue_passes}` : ""),
         total.prologue_passes > 0 ? "passes + once" : "passes",
@@ -30,7 +35,7 @@ function fillHeader() {
           `barriers in ${total.frame.calls} calls`,
           `${total.frame.memory_barriers} on all memory, ${total.frame.image_barriers} on images`,
         ),
-      barriers.length > 0 && tile(total.frame.dependencies, "dependencies", "that the frame's barriers cover"),
+      barriers.length > 0 && tile(total.frame.dependencies, "reasons", "dependencies for which the frame's barriers were placed"),
       tile(bytes(total.transient_bytes), "own memory", "bytes of the memory blocks"),
       tile(
         bytes(total.saved_bytes),

@@ -46,7 +46,7 @@ function barrierPanel(barrier) {
     h("h2", {}, `Barrier ${barrier.id}`),
     h("p", {}, ...beforeOf(barrier)),
     h("p", {}, ...subjectOf(barrier)),
-    h("h3", {}, "as recorded"),
+    h("h3", {}, "stages and accesses"),
     masks(barrier),
     h("h3", {}, `hazards resolved (${barrier.dependencies.length})`),
     ...barrier.dependencies.map((dependency) => dependencyCard(barrier, dependency)),
@@ -244,7 +244,7 @@ function resourcePanel(resource) {
       "read by",
       users("reads").map((pass) => link("pass", pass.name)),
     ),
-    ...list("barriers for it", concerned.map(barrierLink)),
+    ...list("barriers placed for it", concerned.map(barrierLink)),
   ];
 }
 
@@ -265,6 +265,8 @@ function overviewPanel() {
       h("td", {}, `${p.passes} ${p.passes === 1 ? "pass" : "passes"}${p.run === "Once" ? ", once" : ""}`),
       h("td", { class: "number" }, ms(p.gpu_ms)),
     );
+  const timeRow = (name, time) =>
+    h("tr", {}, h("th", {}, name), h("td", {}), h("td", { class: "number" }, time));
   const frame = dump.phases.filter((p) => p.run !== "Once" && p.gpu_ms !== null);
   const meter =
     dump.gpu_ms > 0
@@ -295,9 +297,10 @@ function overviewPanel() {
     meter,
     table(
       ...dump.phases.map(phaseRow),
-      dump.gpu_ms === null
+      dump.gpu_ms === null || dump.frame_ms === null
         ? null
-        : h("tr", {}, h("th", {}, "frame"), h("td", {}), h("td", { class: "number" }, h("b", {}, ms(dump.gpu_ms)))),
+        : timeRow("unattributed", ms(Math.max(0, dump.frame_ms - dump.gpu_ms))),
+      dump.gpu_ms === null ? null : timeRow("frame", h("b", {}, ms(dump.frame_ms ?? dump.gpu_ms))),
     ),
     h("h3", {}, "barriers"),
     table(

@@ -15,7 +15,7 @@ fn timed(plan: Plan) -> Dump {
     let times =
         dump.passes.iter().filter(|p| !p.needs_no_time() && p.run == Run::Frame).map(|p| p.name.clone());
     let times: Vec<(String, f64)> = times.zip((1..).map(f64::from)).collect();
-    dump.with_times(&times).0
+    Dump { frame_ms: Some(200.0), ..dump.with_times(&times).0 }
 }
 
 fn resource<'a>(dump: &'a Dump, name: &str) -> &'a DumpResource {
@@ -211,6 +211,9 @@ fn times_are_summed_by_phase_and_frame_and_a_missing_one_leaves_no_sum() {
     // 18 passes of the frame have times.
     assert_eq!(dump.gpu_ms, Some((1..=18).map(f64::from).sum()));
     assert_eq!(dump.pass("export").unwrap().gpu_ms, None);
+    // The text's phases sum to the measured frame.
+    let text = text(&dump);
+    assert!(text.contains("200.000 ms on the GPU: ") && text.contains(", unattributed 29.000\n"), "{text}");
 
     let (partly, found) = dump.with_times(&[("compact".into(), 1.0), ("of another graph".into(), 2.0)]);
     assert_eq!((found, partly.gpu_ms), (1, None));
@@ -258,11 +261,19 @@ fn a_need_of_another_pass_is_named_with_it() {
 }
 
 #[test]
-fn the_picture_has_an_edge_for_every_pass_that_is_waited_for() {
+fn the_picture_has_an_edge_for_every_pass_that_a_pass_depends_on() {
     let dump = dump(&example::splat(4, 1000));
     let dot = dot(&dump);
-    let waits: usize = dump.barriers().flat_map(|b| &b.dependencies).map(|d| d.conflict.after.len()).sum();
-    assert_eq!(dot.matches(" -> \"").count(), waits);
+    for pass in &dump.passes {
+        for first in pass.dependencies.iter().map(|dependency| &dependency.first.name) {
+            assert!(
+                dot.contains(&format!("  \"{first}\" -> \"{}\" [", pass.name)),
+                "{first}, {}\n{dot}",
+                pass.name
+            );
+        }
+    }
+    assert!(dot.contains("tooltip=\"barrier "), "{dot}");
     assert_eq!(dot.matches("fillcolor=").count(), dump.passes.len());
     assert!(dot.contains("  \"sort.scatter[0]\" -> \"sort.histogram[1]\" [label=\"keys#1\""), "{dot}");
     assert_eq!(dot.matches('{').count(), dot.matches('}').count());
