@@ -41,7 +41,7 @@ pub struct CameraStats {
     pub passes: Vec<PassTime>,
     /// Milliseconds per phase, summed over its passes that run in every frame; `null` if one of them has no time.
     pub phases: Map<String, Json>,
-    /// The same for the passes that run once.
+    /// Milliseconds per phase of the passes that run once; `null` as in `phases`.
     pub once: Map<String, Json>,
     /// GPU time from a frame's first command to its last, without the passes that run once, in milliseconds; `None`
     /// without timestamps.
@@ -73,6 +73,10 @@ const VISIBLE: &str = "visible";
 /// Statistics of the built-in graphs that draw a scene. Of these, [`CameraStats::line`] contains only the visible
 /// splats.
 const SHIPPED: [&str; 4] = [VISIBLE, "drawn", "entries_needed", "tied"];
+
+/// Warning about the times of passes on a CPU.
+pub(crate) const CPU_TIMES: &str = "this device is a CPU, whose driver may write a pass's timestamp before the pass ends: \
+    only the GPU ms of whole frames are reliable";
 
 /// Value of [`CameraStats::busy`] below which the device idles so much that its clock may fall.
 pub const BUSY: f64 = 0.5;
@@ -156,10 +160,15 @@ impl CameraStats {
         self.loaded.is_some_and(|loaded| loaded > 0) && self.stats.iter().any(is_none)
     }
 
+    /// Computes the part of [`CameraStats::gpu_ms`] that belongs to no phase; `None` if a time is unknown.
+    fn unattributed_ms(&self) -> Option<f64> {
+        Some(self.gpu_ms? - self.phases.values().map(Json::as_f64).sum::<Option<f64>>()?)
+    }
+
     /// Formats a summary line: `153,746 of 200,000 splats visible, 1.234 ms on ... (key 0.2, sort 0.6, draw 0.4)`.
     ///
     /// Statistics of a user's graph follow the splats, such as `in_view 153,746`. The splats are omitted if the graph
-    /// draws no scene. Without a statistic `visible`, the statistics of the built-in graphs are listed like a user's.
+    /// draws no scene. The phases are followed by the time that belongs to none. Without a statistic `visible`, the statistics of the built-in graphs are listed like a user's.
     pub fn line(&self) -> String {
         let visible = self.stats.iter().find(|(name, _)| name == VISIBLE).filter(|_| self.loaded.is_some());
         let splats = self.loaded.map(|loaded| match visible {
@@ -179,7 +188,8 @@ impl CameraStats {
             line += &format!(", which was idle for {:.0} % of the time", 100.0 * (1.0 - busy));
         }
         let phase = |(phase, ms): (&String, &Json)| Some(format!("{phase} {:.3}", ms.as_f64()?));
-        let phases: Vec<String> = self.phases.iter().filter_map(phase).collect();
+        let rest = self.unattributed_ms().filter(|ms| *ms >= 5e-4).map(|ms| format!("unattributed {ms:.3}"));
+        let phases: Vec<String> = self.phases.iter().filter_map(phase).chain(rest).collect();
         if !phases.is_empty() {
             line += &format!(" ({})", phases.join(", "));
         }

@@ -37,6 +37,8 @@ pub struct Inspection {
     pub follow: bool,
     /// Latest finding, or the reason why there is none; `None` before the first reading.
     pub found: Option<Result<Finding, String>>,
+    /// Number of the frame that `found` was read from; see [`Renderer::submitted`].
+    pub frame: u64,
     asked: bool,
     /// Plan of the last reading, which may be in flight. A change of plan requests another reading.
     read: Weak<Plan>,
@@ -49,7 +51,7 @@ impl Inspection {
     pub fn new(resource: &str, pass: &str) -> Inspection {
         let (resource, pass) = (resource.to_owned(), pass.to_owned());
         let (read, found_in) = Default::default();
-        Inspection { resource, pass, follow: false, found: None, asked: true, read, found_in }
+        Inspection { resource, pass, follow: false, found: None, frame: 0, asked: true, read, found_in }
     }
 
     /// Requests another reading in the next frame.
@@ -444,6 +446,7 @@ impl Viewport {
                 if let Some(inspection) = &mut self.inspection {
                     let found = Finding::new(&done.plan, target, bytes, &self.stats);
                     inspection.set_found(Ok(found), &done.plan);
+                    inspection.frame = done.number;
                 }
             }
         }

@@ -99,7 +99,10 @@ pub struct Args {
     /// the files nor the order of messages.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub(super) jobs: Option<u16>,
-    /// Read back a resource after a pass (names as in `dump`), print its first and last words, and write it to FILE.npy
+    /// Read back a resource after a pass (names as in `dump`), print its range and some words, and write it to FILE.npy
+    ///
+    /// Meanwhile, resources do not share memory: a pass that reads stale contents may draw another picture than without
+    /// --inspect.
     ///
     /// For a ping-pong buffer `keys`, the half that the pass writes is read. `scatter` is the last of
     /// `sort.scatter[0]`, `sort.scatter[1]`, ... For sort keys, the output reports whether they ascend.

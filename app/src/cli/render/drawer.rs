@@ -15,6 +15,7 @@ use crate::draw::orbit;
 use crate::draw::outputs::{self, RGBA};
 use crate::draw::projection;
 use crate::draw::session::{Session, draws_mesh};
+use crate::draw::stats::CPU_TIMES;
 use crate::draw::storage::Choice;
 use crate::draw::truth::{self, Truth, TruthStats};
 use crate::io::output::{OutputGuard, one_line, say};
@@ -133,6 +134,13 @@ impl Drawer {
         let mut session = Session::new(device, loaded.scene.clone(), pipeline, set);
         if !args.inspect.is_empty() {
             session.keep_contents();
+            say(
+                "resources do not share memory while --inspect reads them: a pass that reads stale contents may draw \
+                 another picture than without --inspect",
+            );
+        }
+        if args.repeat > 1 && session.device().info().is_cpu() {
+            say(CPU_TIMES);
         }
         let names: Vec<String> = args.named().map(|(name, _)| outputs::source_of(name).to_owned()).collect();
         session.set_outputs(&names);

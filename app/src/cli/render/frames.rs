@@ -77,6 +77,7 @@ pub fn draw(
             read_output: read_output && last,
             inspect: asked.iter().map(|&i| targets[i]).chain(outputs_of(last)).collect(),
             untimed_passes: false,
+            warm_up: !warm,
         };
         first = false;
         if flying.len() == FRAMES_IN_FLIGHT

@@ -1,7 +1,13 @@
 //! Interprets the contents of a resource as numbers, a histogram or a picture.
 
 use crate::io::image::Image;
+use serde::Serialize;
+use splatgraph_assets::grouped;
+use std::fmt;
 use std::ops::Range;
+
+/// Color of pixels that have infinite or NaN values.
+const MAGENTA: [f32; 3] = [1.0, 0.0, 1.0];
 
 /// Contents of a resource, as 32-bit words.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,15 +28,42 @@ pub enum ReadAs {
     Float,
 }
 
+/// Summary of the values of one channel of an image, or of one word of a buffer's elements.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Values {
+    /// Smallest finite value; `None` if there is none.
+    pub min: Option<f64>,
+    /// Largest finite value; `None` if there is none.
+    pub max: Option<f64>,
+    /// Number of zeros.
+    pub zeros: u64,
+    /// Number of NaN values.
+    pub nan: u64,
+    /// Number of infinite values.
+    pub infinite: u64,
+}
+
 /// A histogram of values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram {
     /// Smallest and largest finite value; zeros if there is none.
     pub range: [f64; 2],
-    /// Number of values in each bin. The bins divide the range equally.
+    /// Number of values in each bin. The bins divide the range equally; equal values are all in the first.
     pub counts: Vec<u64>,
     /// Number of infinite and NaN values.
     pub not_finite: u64,
+}
+
+impl fmt::Display for Values {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match (self.min, self.max) {
+            (Some(min), Some(max)) => write!(f, "{min} to {max}")?,
+            _ => f.write_str("no finite value")?,
+        }
+        let counts = [(self.zeros, "zeros"), (self.nan, "NaN"), (self.infinite, "infinite")];
+        let mut counts = counts.into_iter().filter(|(count, _)| *count > 0);
+        counts.try_for_each(|(count, what)| write!(f, ", {} {what}", grouped(count)))
+    }
 }
 
 impl Words {
@@ -47,7 +80,7 @@ impl Words {
         self.len() == 0
     }
 
-    /// Converts the word at `index` to a number; `None` beyond the end.
+    /// Reads the word at `index` as a number; `None` beyond the end. Values of an image of floats ignore `read`.
     pub fn number(&self, index: usize, read: ReadAs) -> Option<f64> {
         Some(match (self, read) {
             (Words::Uint(words), ReadAs::Uint) => (*words.get(index)?).into(),
@@ -62,6 +95,22 @@ impl Words {
             (Words::Uint(words), ReadAs::Uint) => words.get(index)?.to_string(),
             _ => format!("{:.6}", self.number(index, read)?),
         })
+    }
+
+    /// Summarises the values of every `stride`th word from the index `first` on.
+    pub fn values(&self, first: usize, stride: usize, read: ReadAs) -> Values {
+        let mut values = Values { min: None, max: None, zeros: 0, nan: 0, infinite: 0 };
+        let indices = (first..self.len()).step_by(stride.max(1));
+        for value in indices.filter_map(|index| self.number(index, read)) {
+            values.zeros += u64::from(value == 0.0);
+            values.nan += u64::from(value.is_nan());
+            values.infinite += u64::from(value.is_infinite());
+            if value.is_finite() {
+                values.min = Some(values.min.map_or(value, |min| min.min(value)));
+                values.max = Some(values.max.map_or(value, |max| max.max(value)));
+            }
+        }
+        values
     }
 
     /// Counts the values of every `stride`th word with an index in `range`, in `bins` bins that divide the range of the
@@ -87,8 +136,8 @@ impl Words {
 
     /// Converts an image to a picture: `[height, width, channels]` in colour, `[height, width]` in grey.
     ///
-    /// A fourth channel is ignored. Values between 0 and 1 are unchanged; a wider range is scaled to 0 to 1. Infinite
-    /// and NaN values count as 0. `None` for other shapes, for a shape that does not match the number of words, and
+    /// A fourth channel is ignored. Values between 0 and 1 are unchanged; a wider range is scaled to 0 to 1. Pixels
+    /// with infinite or NaN values are magenta. `None` for other shapes, for a shape that does not match the number of words, and
     /// without words.
     pub fn picture(&self, shape: &[u64]) -> Option<Image> {
         let (height, width, channels) = match *shape {
@@ -105,8 +154,12 @@ impl Words {
         let least = colours().map(value).fold(0.0, f64::min);
         let greatest = colours().map(value).fold(1.0, f64::max);
         let scaled = |index: usize| ((value(index) - least) / (greatest - least)) as f32;
+        let is_finite = |index: usize| self.number(index, ReadAs::Uint).is_some_and(f64::is_finite);
         Some(Image::from_fn(width, height, |x, y| {
             let pixel = (y * width + x) * channels;
+            if !(pixel..pixel + shown).all(is_finite) {
+                return MAGENTA;
+            }
             std::array::from_fn(|c| scaled(pixel + c.min(shown - 1)))
         }))
     }
@@ -136,11 +189,23 @@ mod tests {
     }
 
     #[test]
+    fn a_summary_counts_zeros_and_values_that_are_not_finite_in_one_channel() {
+        let words = Words::Float(vec![0.0, 9.0, f32::NAN, 9.0, -2.0, 9.0, f32::INFINITY, 9.0, 0.0, 9.0]);
+        let found = words.values(0, 2, ReadAs::Uint);
+        assert_eq!(found, Values { min: Some(-2.0), max: Some(0.0), zeros: 2, nan: 1, infinite: 1 });
+        let found = words.values(1, 2, ReadAs::Uint);
+        assert_eq!(found, Values { min: Some(9.0), max: Some(9.0), zeros: 0, nan: 0, infinite: 0 });
+        assert_eq!(Words::Float(vec![f32::NAN]).values(0, 1, ReadAs::Uint).min, None);
+    }
+
+    #[test]
     fn an_image_of_one_channel_is_grey_and_large_values_are_stretched() {
         let grey = Words::Uint(vec![0, 2, 4, 1]).picture(&[2, 2]).unwrap();
         assert_eq!((grey.at(0, 0), grey.at(0, 1)), ([0.0; 3], [1.0; 3]));
         let colour = Words::Float(vec![0.25, 0.5, 1.0, 9.0]).picture(&[1, 1, 4]).unwrap();
         assert_eq!(colour.at(0, 0), [0.25, 0.5, 1.0], "alpha stretches nothing");
         assert_eq!(Words::Uint(vec![1; 6]).picture(&[6]), None);
+        let holes = Words::Float(vec![0.5, f32::NAN, f32::INFINITY, 0.25]).picture(&[2, 2]).unwrap();
+        assert_eq!([holes.at(0, 0), holes.at(1, 0), holes.at(0, 1)], [[0.5; 3], MAGENTA, MAGENTA]);
     }
 }

@@ -20,14 +20,17 @@ use splatgraph_framework::source::nearest;
 use std::borrow::Cow;
 use std::path::Path;
 
-pub use contents::{Histogram, ReadAs, Words};
+pub use contents::{Histogram, ReadAs, Values, Words};
 pub use keys::{KeyOrder, holds_keys, sorted_keys};
 use keys::{without_half, without_index, without_indices};
 
 /// Number of words to show at each end of the contents.
 const SHOWN: usize = 8;
 
-/// Error about a resource or a pass that the plan lacks.
+/// Maximum number of words per element that are summarised.
+const MAX_CHANNELS: usize = 16;
+
+/// Error about a name that matches no resource or pass of the plan, or several resources.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct InspectError(String);
@@ -135,6 +138,8 @@ pub struct Finding {
     pub pass: String,
     /// `[count, words per element]` for a buffer, `[height, width, channels]` for an image; a trailing 1 is omitted.
     pub shape: Vec<u64>,
+    /// Summaries of an image's channels, or of the words of a buffer's elements; at most [`MAX_CHANNELS`].
+    pub values: Vec<Values>,
     /// Order of the keys; `None` unless the resource has keys (see [`holds_keys`]) and the order is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub order: Option<KeyOrder>,
@@ -181,10 +186,13 @@ impl Finding {
             true => ReadAs::Uint,
             false => declared::of_buffer(plan, target.after, target.resource),
         };
+        let channels = shape.iter().skip(if is_image { 2 } else { 1 }).product::<u64>().max(1) as usize;
+        let values = (0..channels.min(MAX_CHANNELS)).map(|first| words.values(first, channels, declared));
         let counted = order.as_ref().map(|order: &KeyOrder| order.keys);
         Finding {
             resource: resource.name.clone(),
             pass,
+            values: values.collect(),
             shape,
             order,
             unknown_order,
@@ -217,7 +225,7 @@ impl Finding {
         }
     }
 
-    /// Formats the shape, the order of the keys, and the first and last words.
+    /// Formats the shape, the order of the keys, the range of each channel, and the first and last words.
     pub fn text(&self) -> String {
         let shape: Vec<String> = self.shape.iter().map(u64::to_string).collect();
         let mut text = format!("{} after {}: {} words", self.resource, self.pass, shape.join(" x "));
@@ -229,6 +237,13 @@ impl Finding {
         }
         if let Some(reason) = &self.unknown_order {
             text += &format!("\n  {reason}");
+        }
+        for (channel, values) in self.values.iter().enumerate() {
+            let name = if self.is_image { "channel" } else { "word" };
+            text += &match self.values.len() {
+                1 => format!("\n  {values}"),
+                _ => format!("\n  {name} {channel}: {values}"),
+            };
         }
         match &*self.declared_words() {
             Words::Uint(words) => text + &ends(words),
@@ -409,6 +424,11 @@ mod tests {
         let found =
             Finding::new(&plan(), &Inspect { resource: ResourceId(2), after: PassId(2) }, &[0; 48], &[]);
         assert_eq!(found.shape, [6, 2]);
+        assert!(
+            found.text().contains("\n  word 0: 0 to 0, 6 zeros\n  word 1: 0 to 0, 6 zeros\n"),
+            "{}",
+            found.text()
+        );
         assert_eq!(found.order, None);
     }
 

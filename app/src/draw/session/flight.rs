@@ -66,8 +66,9 @@ impl Session {
             untimed_passes: request.untimed_passes,
             ..FrameInputs::default()
         };
+        let begun = Instant::now();
         let id = info_span!("submit a frame").in_scope(|| self.device.submit(&inputs))?;
-        timeline::submitted(id.0);
+        timeline::submitted(id.0, begun, (&camera.img_name, request.warm_up));
         Ok(Flight { id, camera, request, number, plan: plan.clone(), growths: self.growths })
     }
 
@@ -114,9 +115,9 @@ impl Session {
         let result = info_span!("wait for a frame").in_scope(|| self.device.wait(id))?;
         self.completed = Some(Instant::now());
         if let Some(plan) = plan {
-            timeline::completed(id.0, |submitted, seen| timeline::Frame {
+            timeline::completed(id.0, |submission, seen| timeline::Frame {
                 number: id.0,
-                submitted,
+                submission,
                 seen,
                 start_ms: result.start_ms,
                 total_ms: result.total_ms,

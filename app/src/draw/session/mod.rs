@@ -150,6 +150,8 @@ pub struct FrameOptions {
     pub inspect: Vec<Inspect>,
     /// True to omit the timestamps of passes; see [`untimed_passes`](splatgraph_api::FrameInputs::untimed_passes).
     pub untimed_passes: bool,
+    /// True if the frame is not measured. The timeline marks such frames.
+    pub warm_up: bool,
 }
 
 impl Session {
@@ -200,7 +202,7 @@ impl Session {
         Ok(Session::new(self.device.new_context()?, scene, pipeline, set))
     }
 
-    /// Gives every resource of the next plan its own memory, so that its contents can be read after any pass.
+    /// Gives every resource of later plans its own memory, so that its contents can be read after any pass.
     pub fn keep_contents(&mut self) {
         self.planner.share_memory = false;
     }
@@ -403,8 +405,9 @@ impl Session {
         Ok(true)
     }
 
-    /// Starts the frames of the prepared plan anew: histories are zero, and the next frame has the number 0 and runs the
-    /// prologue. A measurement then does not depend on the frames before it.
+    /// Starts the frames anew at number 0, so that a measurement does not depend on the frames before it.
+    ///
+    /// A plan with histories is built and loaded again: histories are zero, and the next frame runs the prologue.
     ///
     /// # Errors
     /// See [`Session::prepare`].
@@ -418,7 +421,7 @@ impl Session {
         }
     }
 
-    /// Builds and loads the plan.
+    /// Builds and loads the plan. Prints new warnings and fallbacks; see [`Session::prepare`].
     fn load(
         &mut self,
         size: (u32, u32),

@@ -38,8 +38,8 @@ pub struct Span {
 pub struct Frame {
     /// The frame's number on the device.
     pub number: u64,
-    /// Time when the host submitted the frame.
-    pub submitted: Duration,
+    /// The frame's camera, and the time when the host submitted it.
+    pub submission: Submission,
     /// Time when the host saw that the frame was complete.
     pub seen: Duration,
     /// Start of the frame on the device's clock, in milliseconds; `None` without timestamps.
@@ -48,6 +48,17 @@ pub struct Frame {
     pub total_ms: Option<f64>,
     /// The passes that have timestamps.
     pub passes: Vec<Pass>,
+}
+
+/// The host's part of a frame in flight.
+#[derive(Clone, Debug)]
+pub struct Submission {
+    /// Time when the host began to submit the frame, relative to the start of the recording.
+    pub begun: Duration,
+    /// Name of the frame's camera.
+    pub camera: String,
+    /// True if the frame only warms the device up, and is not measured.
+    pub warm_up: bool,
 }
 
 /// A timed pass of a frame.
@@ -78,8 +89,8 @@ struct Running {
     begun: Instant,
     threads: HashMap<ThreadId, usize>,
     open: HashMap<u64, Open>,
-    /// Frames in flight, with the time when each was submitted.
-    flying: HashMap<u64, Duration>,
+    /// Frames in flight, with the time when the submission of each began.
+    flying: HashMap<u64, Submission>,
     recording: Recording,
 }
 
@@ -134,23 +145,23 @@ pub fn finish() -> Option<Recording> {
     Some(Recording { end: begun.elapsed(), ..recording })
 }
 
-/// Records that a frame is submitted now.
-pub fn submitted(number: u64) {
+/// Records a frame, whose submission began at `begun`. See [`Submission`] for `camera` and `warm_up`.
+pub fn submitted(number: u64, begun: Instant, (camera, warm_up): (&str, bool)) {
     if ACTIVE.load(Ordering::Relaxed)
         && let Some(running) = &mut *running()
     {
-        let now = running.now();
-        running.flying.insert(number, now);
+        let begun = begun.saturating_duration_since(running.begun);
+        running.flying.insert(number, Submission { begun, camera: camera.to_owned(), warm_up });
     }
 }
 
-/// Records that a frame is complete. `frame` makes the record from the times of submission and completion.
-pub fn completed(number: u64, frame: impl FnOnce(Duration, Duration) -> Frame) {
+/// Records that a frame is complete. `frame` makes the record from the submission and the time of completion.
+pub fn completed(number: u64, frame: impl FnOnce(Submission, Duration) -> Frame) {
     if ACTIVE.load(Ordering::Relaxed)
         && let Some(running) = &mut *running()
-        && let Some(submitted) = running.flying.remove(&number)
+        && let Some(submission) = running.flying.remove(&number)
     {
-        let frame = frame(submitted, running.now());
+        let frame = frame(submission, running.now());
         running.recording.frames.push(frame);
     }
 }

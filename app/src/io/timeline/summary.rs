@@ -27,14 +27,17 @@ pub fn text(recording: &Recording) -> String {
     if !others.is_empty() {
         let _ = write!(out, "\n  other threads, meanwhile{}", lines(own_times(others), all));
     }
-    let passes = recording.frames.iter().flat_map(|frame| &frame.passes);
+    let measured = recording.frames.iter().filter(|frame| !frame.submission.warm_up);
+    let count = measured.clone().count();
+    let passes = measured.flat_map(|frame| &frame.passes);
     let passes = sums(passes.map(|pass| (pass.name.clone(), pass.ms)));
     if !passes.is_empty() {
-        let frames = match recording.frames.len() {
-            1 => "1 frame".to_owned(),
-            count => format!("{count} frames"),
+        let frames = if count == 1 { "1 frame".to_owned() } else { format!("{count} frames") };
+        let warm_up = match recording.frames.len() - count {
+            0 => String::new(),
+            others => format!(" (without {others} of the warm-up)"),
         };
-        let _ = write!(out, "\n  GPU, {frames}{}", lines(passes, all));
+        let _ = write!(out, "\n  GPU, {frames}{warm_up}{}", lines(passes, all));
     }
     out
 }
@@ -91,7 +94,7 @@ fn sums(times: impl Iterator<Item = (String, f64)>) -> Vec<Row> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::record::{Frame, Pass};
+    use super::super::record::{Frame, Pass, Submission};
     use super::super::trace;
     use super::*;
     use std::time::Duration;
@@ -102,10 +105,11 @@ mod tests {
     }
 
     fn frame(number: u64, (submitted, seen): (u64, u64), start_ms: f64) -> Frame {
-        let [submitted, seen] = [submitted, seen].map(Duration::from_millis);
+        let [begun, seen] = [submitted, seen].map(Duration::from_millis);
+        let submission = Submission { begun, camera: "front".to_owned(), warm_up: false };
         let pass = |name: &str, start_ms, ms| Pass { name: name.to_owned(), start_ms, ms };
         let passes = vec![pass("sort", 0.0, 4.0), pass("draw", 3.0, 7.0)];
-        Frame { number, submitted, seen, start_ms: Some(start_ms), total_ms: Some(10.0), passes }
+        Frame { number, submission, seen, start_ms: Some(start_ms), total_ms: Some(10.0), passes }
     }
 
     fn recording() -> Recording {
@@ -138,6 +142,11 @@ mod tests {
   GPU, 2 frames
       0.014 s  14.0 %  draw (2 times)
       0.008 s   8.0 %  sort (2 times)"
+        );
+        let mut warm = recording();
+        warm.frames[0].submission.warm_up = true;
+        assert!(
+            text(&warm).contains("  GPU, 1 frame (without 1 of the warm-up)\n      0.007 s   7.0 %  draw\n")
         );
     }
 

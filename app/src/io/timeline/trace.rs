@@ -49,26 +49,26 @@ fn frames(frames: &[Frame]) -> Vec<Json> {
     let mut ends: Vec<Duration> = Vec::new();
     for (frame, start) in frames.iter().zip(starts(frames)) {
         let number = format!("frame {}", frame.number);
+        let details = json!({ "camera": frame.submission.camera, "warm_up": frame.submission.warm_up });
         if let (Some(start), Some(total)) = (start, frame.total_ms) {
             let passes = frame.passes.iter();
             // Passes may overlap on the device, but events of a track must nest: each is cut at the start of the next.
             let next = passes.clone().skip(1).map(|pass| pass.start_ms).chain([total]);
-            events.push(complete(FIRST_TRACK, &number, "device", (start, start + total), Json::default()));
+            events.push(complete(FIRST_TRACK, &number, "device", (start, start + total), details.clone()));
             for (pass, next) in passes.zip(next) {
                 let end = (pass.start_ms + pass.ms).min(next.max(pass.start_ms)).min(total);
                 let times = (start + pass.start_ms.min(total), start + end);
-                let details = [("ms".to_owned(), json!(pass.ms))].into_iter().collect();
-                events.push(complete(FIRST_TRACK, &pass.name, "device", times, details));
+                events.push(complete(FIRST_TRACK, &pass.name, "device", times, json!({ "ms": pass.ms })));
             }
         }
-        let free = ends.iter().position(|end| *end <= frame.submitted).unwrap_or(ends.len());
+        let free = ends.iter().position(|end| *end <= frame.submission.begun).unwrap_or(ends.len());
         if free == ends.len() {
             ends.push(Duration::ZERO);
             track(&mut events, 1 + free, &format!("in flight {}", 1 + free));
         }
         ends[free] = frame.seen;
-        let times = (ms(frame.submitted), ms(frame.seen));
-        events.push(complete(FIRST_TRACK + 1 + free, &number, "device", times, Json::default()));
+        let times = (ms(frame.submission.begun), ms(frame.seen));
+        events.push(complete(FIRST_TRACK + 1 + free, &number, "device", times, details));
     }
     events
 }

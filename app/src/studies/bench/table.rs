@@ -3,7 +3,7 @@
 use super::measure::{Found, Part};
 use super::report::{Origin, Report, Row, first_line, size_text};
 use crate::draw::interleaved::Figure;
-use crate::draw::stats::BUSY;
+use crate::draw::stats::{BUSY, CPU_TIMES};
 use crate::io::report::text::{number, table};
 use indexmap::IndexSet;
 use splatgraph_assets::grouped;
@@ -25,7 +25,8 @@ pub fn head(origin: &Origin, timed: bool) -> String {
     }
     text += "MB: declared sizes of what a pass reads plus what it writes, each once; overestimates when splats are culled\n";
     if origin.is_cpu {
-        text += "this device is a CPU, whose driver may write a pass's timestamp before the pass ends: only the GPU ms of whole frames are reliable\n";
+        text += CPU_TIMES;
+        text.push('\n');
     }
     if !timed {
         text += "this device has no timestamps: times are those of the host\n";

@@ -75,11 +75,11 @@ impl State {
             }
         });
         let top = ui.cursor().top();
-        let number = viewport.readings();
+        ui.weak("While contents are read back, resources do not share memory: a pass that reads stale contents may draw another picture.");
+        let (number, submitted) = (viewport.readings(), viewport.renderer.submitted());
         let palette = Palette::of(ui);
         let Some(inspection) = &mut viewport.inspection else {
             self.revealed = None;
-            ui.weak("While contents are read back, resources do not share memory.");
             return;
         };
         choose(ui, plan, inspection);
@@ -90,7 +90,10 @@ impl State {
             Some(Err(error)) => {
                 ui.colored_label(palette.error, error);
             }
-            Some(Ok(finding)) => self.finding(ui, finding, number, target.controls),
+            Some(Ok(finding)) => {
+                ui.weak(format!("read in frame {} of {submitted}", inspection.frame));
+                self.finding(ui, finding, number, target.controls);
+            }
         }
         // A result below the visible part would look as if the button had no effect.
         let asked = Some((inspection.resource.clone(), inspection.pass.clone()));
@@ -197,7 +200,8 @@ impl State {
         );
         let mut text = format!("from {least} to {greatest}");
         if found.not_finite > 0 {
-            text += &format!(", {} not finite", found.not_finite);
+            let colour = if finding.is_image { " (magenta in the picture)" } else { "" };
+            text += &format!(", {} not finite{colour}", found.not_finite);
         }
         ui.weak(text);
     }
