@@ -40,7 +40,8 @@ impl<T: Send + 'static> Latest<T> {
 
     /// Starts `work`, and cancels the previous request.
     ///
-    /// `work` gets a function that returns true once the request is cancelled. It returns `None` if it has no result.
+    /// `work` gets a function that returns true once the request is cancelled. `work` returns `None` if it has no
+    /// result.
     ///
     /// # Errors
     /// The system cannot start a thread. The previous request then continues.

@@ -25,7 +25,7 @@ pub struct Opened {
     pub content: Content,
 }
 
-/// The content of a file.
+/// The content of a file, or the error of reading it.
 pub enum Content {
     /// A scene for a viewport.
     Scene(RendererId, Result<OpenedScene, String>),
@@ -94,9 +94,9 @@ pub struct Opening {
     pub load: LoadOptions,
     /// Number of the newest request.
     newest: u64,
-    /// Scenes of A and B.
+    /// Readers of the scenes of A and B.
     scenes: [Slot<OpenedScene>; 2],
-    /// Camera files, indexed by [`CameraRole`].
+    /// Readers of camera files, indexed by [`CameraRole`].
     cameras: [Slot<Vec<Camera>>; 3],
 }
 
@@ -123,7 +123,7 @@ impl Opening {
             || self.cameras.iter().any(|slot| slot.reader.busy())
     }
 
-    /// Cancels reading of a viewport's scene.
+    /// Cancels reading of a viewport's scene, or drops the scene that was read.
     pub fn cancel_scene(&mut self, id: RendererId) {
         self.scenes[index(id)].reader.cancel();
     }
@@ -157,7 +157,7 @@ impl Opening {
         self.cameras[role as usize].start(self.newest, path, |path, _| load_cameras(path))
     }
 
-    /// Continues the loads in progress for the opposite viewports, after A and B were exchanged.
+    /// Exchanges the loads of scenes for A and B.
     pub fn exchange_scenes(&mut self) {
         self.scenes.swap(0, 1);
     }

@@ -243,6 +243,7 @@ impl Shell {
     }
 
     /// Returns the time of the next frame after one that began at `begun`. `repaint` is the delay that egui requests.
+    /// `None` to wait for an event.
     fn next(&self, begun: Instant, drawn: bool, repaint: Duration) -> Option<Instant> {
         if self.changes() != self.seen {
             // Something changed after the panels were drawn.

@@ -161,7 +161,7 @@ impl Viewport {
     }
 
     /// Describes the fallback that is drawn because the device does not meet the graph's requirements; `None` if the
-    /// graph itself is drawn.
+    /// graph itself is drawn, or before a plan.
     pub fn fallback(&self) -> Option<String> {
         let lacking = Fallback::lacking(&self.renderer.plan()?.fallbacks);
         let all: Vec<String> = lacking.map(ToString::to_string).collect();
@@ -212,7 +212,7 @@ impl Viewport {
         matches!(self.reading, Reading::Wanted)
     }
 
-    /// Takes the requested picture, or the error, once it has been read back.
+    /// Takes the requested picture, or the error, once it has been read back; `None` until then, and without a request.
     pub fn take_picture(&mut self) -> Option<Result<Pixels, String>> {
         match std::mem::take(&mut self.reading) {
             Reading::Done(picture) => Some(picture),
@@ -249,13 +249,13 @@ impl Viewport {
         self.readings
     }
 
-    /// Returns the picture that the window shows, and its unique number.
+    /// Returns the picture that the window shows, and its unique number; `None` before the first.
     pub fn picture(&self) -> Option<(Shown, u64)> {
         self.exhibit.as_ref().map(|exhibit| (exhibit.shown.clone(), exhibit.number))
     }
 
     /// Returns true if the window does not show this scene and graph yet: no frame of them was drawn yet, or all
-    /// overflowed.
+    /// overflowed. False without a plan.
     pub fn is_held_back(&self) -> bool {
         self.renderer.plan().is_some()
             && self.exhibit.as_ref().map(|exhibit| exhibit.subject) != Some(self.renderer.subject())
@@ -422,7 +422,7 @@ impl Viewport {
         self.inspection.as_ref().is_some_and(|inspection| inspection.asked)
     }
 
-    /// Takes the results of finished frames. If `to_host`, their pictures become the window's.
+    /// Takes the results of finished frames. If `to_host`, the window gets their pictures, as far as they can be shown.
     pub(super) fn collect(&mut self, to_host: bool) {
         if self.renderer.take_forgot() {
             // Repeat the reads that were lost with these frames.
@@ -452,7 +452,8 @@ impl Viewport {
         }
     }
 
-    /// Takes a picture that was read back: for the request, and for the window if `to_host`.
+    /// Takes a picture that was read back: for the request, and for the window if `to_host`. An incomplete picture
+    /// fails the request, or repeats it while a plan with more capacity is being built.
     fn take_output(&mut self, picture: Pixels, done: &FinishedFrame, to_host: bool) {
         if matches!(self.reading, Reading::InFlight(number) if number <= done.number) {
             self.reading = match self.part() {

@@ -9,7 +9,7 @@ use egui::{Event, InputState, MouseWheelUnit, Vec2};
 /// Scrolling during a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Scrolled {
-    /// Notches of a wheel, or the equivalent zoom of a pinch; positive zooms in.
+    /// Notches of a wheel, or the equivalent of a pinch or of scrolling with Ctrl; positive zooms in.
     pub notches: f64,
     /// Two-finger motion, in points, in the direction in which the content moves: positive is right and down.
     pub swiped: [f64; 2],

@@ -74,7 +74,7 @@ enum With {
 }
 
 impl Drawer {
-    /// Opens the device and loads the scene at the same time. A given scene is not loaded again.
+    /// Loads the scene, unless it is given, while the device is opened. The exact renderer needs no device.
     ///
     /// # Errors
     /// There is no suitable device, a rule is invalid, the scene cannot be loaded or is too large, or its cameras do
@@ -254,7 +254,8 @@ impl Drawer {
     }
 }
 
-/// Draws a view on a device. The tuple is the camera, its file name stem, and the number of cameras.
+/// Draws a view on a device, or skips it if its size was refused. The tuple is the camera, its file name stem, and the
+/// number of cameras.
 fn draw(
     args: &Args,
     session: &mut Session,

@@ -21,11 +21,12 @@ pub struct Drawn {
     /// Picture of the last frame; `None` if it was not read back.
     pub output: Option<Pixels>,
     pub outputs: Vec<Output>,
-    /// Index of the `--inspect` option for each finding in `stats`, which lacks results of a prologue that did not run.
+    /// For each finding in `stats`, the index of its `--inspect` option. A resource of a prologue that did not run has
+    /// no finding.
     pub requests: Vec<usize>,
 }
 
-/// Draws the frames of one camera with the prepared plan. `loaded`: its prologue has not run yet.
+/// Draws the frames of one camera with the prepared plan. `loaded` is true if the plan's prologue has not run yet.
 pub fn draw(
     args: &Args,
     read_output: bool,

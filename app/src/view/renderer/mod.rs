@@ -125,7 +125,7 @@ pub struct Renderer {
     forgot: bool,
     done: Vec<FinishedFrame>,
     events: Vec<Event>,
-    /// Text of the last reported failure.
+    /// Problem that was last reported as an event; `None` if there was none.
     failed: Option<String>,
     /// Device numbers (see `epoch`) of the builds in progress, oldest first.
     jobs: VecDeque<u64>,
@@ -316,8 +316,8 @@ impl Renderer {
         self.watcher.kind()
     }
 
-    /// Selects another graph, and replaces all changed parameters with `set`. Values that the graph rejects are dropped
-    /// and reported.
+    /// Selects another graph, replaces all changed parameters with `set`, and forgets raised capacities. Settings that
+    /// the graph rejects are set aside and reported.
     pub fn choose(&mut self, graph: &str, set: IndexMap<String, String>) {
         self.choice = Choice { graph: graph.to_owned(), set };
         self.rejected.clear();
@@ -328,7 +328,8 @@ impl Renderer {
 
     /// Sets a parameter; `None` restores the value of the graph or its preset. An unknown name changes nothing.
     ///
-    /// The value's type and range are not checked here: they must fit the parameter's domain.
+    /// A constant requests a build. The parameter's raised capacity is forgotten. The value's type and range are not
+    /// checked here: they must fit the parameter's domain.
     pub fn set_param(&mut self, name: &str, value: Option<Value>) {
         let control = self.controls.iter_mut().find(|control| control.param.name == name);
         let Some(Control { param, unset, .. }) = control else { return };

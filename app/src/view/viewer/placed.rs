@@ -53,8 +53,8 @@ impl PlacedFiles {
         }
     }
 
-    /// Stops watching a viewport's files after a load, except `shown` and `failed`. Returns the one of them that
-    /// changed during the load of another scene.
+    /// Stops watching a viewport's files after a load, except `shown` and `failed`. Returns which of the two changed
+    /// while another scene was loaded; `None` if neither did.
     pub fn settle(&mut self, id: RendererId, shown: &Path, failed: Option<&Path>) -> Option<PathBuf> {
         let lists = &mut self.lists[opening::index(id)];
         lists.read.retain(|path, _| path == shown || Some(path.as_path()) == failed);

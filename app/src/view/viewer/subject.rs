@@ -122,11 +122,11 @@ pub(super) struct Subject {
     /// The scene as loaded.
     pub whole: Arc<Scene>,
     pub path: PathBuf,
-    /// The file that `path` led to when it was read, without links and `..`.
+    /// Canonical path of the scene's file when it was read: without links and `..`.
     pub file: PathBuf,
     /// Up direction that the user chose for the scene; `None` for that of its file.
     pub up: Option<[f64; 3]>,
-    /// The hidden splats when the rest was last written to a file.
+    /// The hidden splats when the rest was last written to a file; empty before, and after a failure.
     pub left_out: Arc<SplatSet>,
     /// The requested marks; `scene` shows them once the marked copy is made.
     marks: Marks,
