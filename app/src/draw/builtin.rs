@@ -147,7 +147,8 @@ pub struct Preset {
     pub params: Vec<Control>,
 }
 
-/// Lists the built-in graphs that draw a scene, sorted by name.
+/// Lists the built-in graphs that draw a scene, sorted by name. A graph with errors has no parameters, and a summary
+/// that says so.
 pub fn presets() -> Vec<Preset> {
     let facts = facts::nominal(facts::USUAL_SUBGROUP_SIZE);
     let catalog = facts::nominal_catalog();

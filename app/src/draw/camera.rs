@@ -84,7 +84,8 @@ pub fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
 /// roundings, doubled.
 pub const ROUNDING: f64 = 8.0 / (1u64 << 24) as f64;
 
-/// Computes an upper bound on the distance, also computed in f32, from the camera to any splat in the scene's box.
+/// Computes an upper bound on the distance from the camera to any splat in the scene's box, also if a shader computes
+/// that distance in f32.
 fn farthest(camera: &Camera, bounds: &Bounds) -> f64 {
     let corner =
         bounds.corners().into_iter().map(|corner| DVec3::from(corner).distance(camera.position.into()));

@@ -46,7 +46,7 @@ pub struct Target {
     /// Maximum number of storage buffers in one shader; `None` if unknown, or if no graph can exceed the limit.
     #[serde(skip)]
     pub storage_buffers: Option<usize>,
-    /// Maximum number of storage images in one shader; `None` like `storage_buffers`.
+    /// Maximum number of storage images in one shader; `None` if unknown, or if no graph can exceed the limit.
     #[serde(skip)]
     pub storage_images: Option<usize>,
 }
@@ -104,9 +104,9 @@ pub struct Fit {
 /// Memory that a plan needs, in bytes.
 struct Needs {
     storage: BTreeMap<String, u64>,
-    /// Stays allocated.
+    /// Bytes that stay allocated after the prologue.
     total: u64,
-    /// Freed after the prologue.
+    /// Bytes that are freed after the prologue.
     loading: u64,
 }
 

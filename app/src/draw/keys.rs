@@ -90,7 +90,8 @@ impl Keys {
         if range == 0 { 0 } else { x << range.leading_zeros() }
     }
 
-    /// Computes the key of a depth.
+    /// Computes the key of a depth. A depth beyond the range has the key of the range's end, except for
+    /// [`Mapping::FloatBits`] with 32 bits.
     pub fn of(&self, z: f32) -> u32 {
         let ((near, far), bits) = (self.range, self.bits);
         let z_held = z.clamp(near, far);
@@ -166,7 +167,7 @@ struct View {
 }
 
 impl View {
-    /// Projects the splats of a scene that reach the published alpha floor, by the scene's own rules.
+    /// Projects, by the scene's own rules, the splats that reach the published alpha floor.
     ///
     /// [`of_scene`] includes the others, because a graph's parameter `alpha_floor` can be below the published floor.
     fn new(scene: &Scene, camera: &Camera) -> View {

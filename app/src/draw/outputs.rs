@@ -129,7 +129,7 @@ pub fn inspections(plan: &Plan) -> Vec<Inspect> {
     after.into_iter().flat_map(output).collect()
 }
 
-/// Converts the bytes of a frame's [`inspections`] to outputs.
+/// Interprets the bytes of a frame's [`inspections`] as outputs. The fourth channel of an image is dropped.
 pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
     let outputs = plan.outputs.iter().zip(inspections(plan)).zip(inspected);
     let by_distance = sorts_by_distance(plan);

@@ -34,7 +34,7 @@ pub fn format_of(path: &Path) -> Result<SceneFormat, String> {
 
 /// Writes a scene in a format, and returns the number of bytes; `-` is standard output.
 ///
-/// `version` applies only to [`SceneFormat::Spz`], which does not call `progress` if it is given.
+/// `version` applies only to [`SceneFormat::Spz`]; with a version, `progress` is not called.
 ///
 /// # Errors
 /// The file cannot be written. An existing file is then kept.
@@ -221,7 +221,8 @@ fn move_advice(scene: &Scene) -> String {
     format!(": the scene is far from the origin; `--transform move:{x},{y},{z}` moves it there")
 }
 
-/// Describes the finest step of positions in SPZ if it is larger than most splats, and what to do.
+/// Describes the finest step of positions in SPZ, with a transform that helps if there is one. `None` if the step is
+/// not larger than the median deviation of the splats, or without splats.
 fn small_splats(scene: &Scene, step: f64, largest: f64) -> Option<String> {
     // Splats of this many steps are typical of captures, and are above the smallest scale of SPZ.
     const STEPS: f64 = 32.0;
@@ -273,7 +274,7 @@ pub fn lost_up(up: [f64; 3]) -> Option<String> {
     })
 }
 
-/// Counts the values that a format clips.
+/// Describes how many values a format clips, one phrase for each kind of value; empty for a format that clips none.
 fn clipped(scene: &Scene, format: SceneFormat) -> Vec<String> {
     // Limits of the scales' logarithms, of band 0, and of the higher bands. Values within half a step of a limit are
     // rounded to it, not clipped.

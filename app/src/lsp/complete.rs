@@ -243,7 +243,8 @@ fn is_in_name(c: char) -> bool {
     c.is_ascii_alphanumeric() || matches!(c, '_' | '.')
 }
 
-/// Extends a byte offset of a string to the range of adjacent characters for which `is_part` is true.
+/// Extends a byte offset to the range of adjacent characters for which `is_part` is true, within the bytes `inside` of
+/// a string.
 fn around(
     text: &str,
     inside: &ops::Range<usize>,

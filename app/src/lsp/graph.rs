@@ -62,7 +62,7 @@ pub(super) struct Built {
 }
 
 impl Workspace {
-    /// Replaces the text of a file; `None` closes the file.
+    /// Replaces the text of a file; `None` closes the file. Queues the graphs that depend on it.
     pub fn set(&mut self, path: PathBuf, text: Option<String>) {
         let is_same_set = self.open.contains_key(&path) == text.is_some();
         match text {

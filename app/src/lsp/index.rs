@@ -28,9 +28,9 @@ pub struct Place {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
-    /// As in the declaration.
+    /// Spelled as in the declaration.
     Plain,
-    /// In capitals, as the constant in a shader.
+    /// In capitals, as the name of the constant in a shader.
     Macro,
 }
 

@@ -79,7 +79,8 @@ impl Score {
 }
 
 impl Evaluation {
-    /// Computes the means of the scores: `None` if a view is missing, because a partial mean could mislead.
+    /// Computes the means of the scores: `None` without views, or if a view or its score is missing, because a partial
+    /// mean could mislead.
     pub fn new(views: Vec<Score>, missing: Vec<String>) -> Evaluation {
         let mean =
             |of: &dyn Fn(&Score) -> Option<f64>| mean(views.iter().map(of)).filter(|_| missing.is_empty());

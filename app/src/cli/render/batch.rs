@@ -24,7 +24,7 @@ use tracing::info_span;
 
 /// Cameras whose frames are in flight or whose pictures are being written, and the statistics of the others.
 pub struct Batch {
-    /// `None` if no picture is written.
+    /// File or folder of the pictures; `None` if no picture is written.
     pub destination: Option<Destination>,
     /// Names and files of the outputs besides the picture; and the number of cameras.
     files: (Vec<(String, PathBuf)>, usize),

@@ -35,7 +35,7 @@ use tracing::info_span;
 #[derive(Clone)]
 pub struct Loaded {
     pub scene: Arc<Scene>,
-    /// In the scene's coordinates, in the order of the file names in [`Work`].
+    /// Cameras in the scene's coordinates, in the order of the file names in [`Work`].
     pub cameras: Vec<Camera>,
 }
 

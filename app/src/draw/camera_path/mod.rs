@@ -104,7 +104,8 @@ impl CameraPath {
         Ok(())
     }
 
-    /// Inserts a key before the key at `index`, or at the end if the list is shorter.
+    /// Inserts a key before the key at `index`, or at the end if the list is shorter. If the keys then have several
+    /// projections, the path's cameras are pinhole cameras.
     ///
     /// # Errors
     /// The camera is unusable; see [`Camera::fault`].

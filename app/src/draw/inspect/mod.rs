@@ -63,7 +63,8 @@ fn is_end(name: &str, full: &str) -> bool {
     name.rsplit('.').all(|part| parts.next().is_some_and(|full| full == part || without_index(full) == part))
 }
 
-/// Lists the passes that match a name, last pass first; at least one.
+/// Lists the passes that match a name, last pass first; at least one. The whole name is preferred, then ends of names
+/// with as many parts, then all ends.
 fn find_passes(plan: &Plan, name: &str) -> Result<Vec<PassId>, InspectError> {
     let passes = plan.order();
     let named = |is: &dyn Fn(&str) -> bool| -> Vec<PassId> {
@@ -146,7 +147,7 @@ pub struct Finding {
     /// Reason why the order of the keys is unknown; `None` if it is known, or if there are no keys.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unknown_order: Option<String>,
-    /// Number of compared keys, as in [`KeyOrder::keys`]; `None` like `order`.
+    /// Number of compared keys, as in [`KeyOrder::keys`]; `None` if `order` is `None`.
     #[serde(skip)]
     pub counted: Option<u64>,
     /// True for an image, false for a buffer.

@@ -96,7 +96,7 @@ pub enum SessionError {
         /// Error of the larger plan. Its text is part of this error's message, so it is not a `source`.
         error: Box<SessionError>,
     },
-    /// The device returned no picture, or the graph's output has no colours.
+    /// The device returned no picture, or one that cannot be converted to an image.
     #[error(transparent)]
     Pixels(#[from] PixelsError),
     /// A frame must be repeated, but the larger plan lacks the inspected resource or pass.

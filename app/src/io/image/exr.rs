@@ -121,7 +121,7 @@ fn headers(path: &Path) -> Result<(exr::meta::MetaData, Vec<(usize, usize)>), Im
     Ok((meta, sizes))
 }
 
-/// Finds the layer of the picture.
+/// Finds the layer of the picture, as [`Found`] describes it, in the headers of a file.
 fn find(path: &Path) -> Result<Found, ImageError> {
     let (meta, sizes) = headers(path)?;
     let has = |at: usize, name: &x::Text| {

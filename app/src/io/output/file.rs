@@ -306,7 +306,7 @@ impl Unfinished {
         }
     }
 
-    /// Syncs the contents to the disk, then names the file.
+    /// Syncs the contents to the disk, then names the file. It gets the permissions of a file that it replaces.
     fn finish(mut self, existing: Existing) -> io::Result<()> {
         if let Ok(old) = fs::metadata(&self.target) {
             hand_on_permissions(&old, &self.file);

@@ -228,7 +228,7 @@ fn new(what: &str, path: &Path, target: &Path) -> Result<(Identity, PathBuf), Co
     Ok((Identity::New(root, parts), first))
 }
 
-/// Converts a name to lower case on systems that ignore case.
+/// Converts ASCII letters of a name to lower case on systems whose file names ignore case: Windows and Apple's.
 fn spelling(name: OsString) -> OsString {
     if cfg!(any(windows, target_vendor = "apple")) { name.to_ascii_lowercase() } else { name }
 }

@@ -75,7 +75,8 @@ impl Tried {
     }
 }
 
-/// Returns the mean share of a setting's rows, not widened to the floor. `None` without timestamps, or if a row failed.
+/// Returns the mean share of a setting's rows, not widened to the floor. `None` without rows or timestamps, or if a row
+/// failed.
 pub fn own_share(rows: &[Row]) -> Option<Share> {
     let share = |row: &Row| Some(row.found.as_ref().ok()?.time.as_ref()?.share);
     Share::mean(&rows.iter().map(share).collect::<Option<Vec<_>>>()?)

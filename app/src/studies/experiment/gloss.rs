@@ -93,7 +93,7 @@ pub fn find(scene: &Scene, camera: &Camera) -> Option<Part> {
     })
 }
 
-/// Finds the corner of the window with the largest sum; `None` if all sums are 0.
+/// Finds the top left corner of the window of this size with the largest sum; `None` if all sums are 0.
 fn richest(values: &[f64], [width, height]: [usize; 2], size: [usize; 2]) -> Option<[usize; 2]> {
     // A summed-area table.
     let mut sums = vec![0.0; (width + 1) * (height + 1)];

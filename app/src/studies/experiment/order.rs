@@ -31,7 +31,7 @@ pub struct Drawn {
     pub error: Comparison,
     /// Number of pairs of splats in the wrong order in the order buffer; `None` if it cannot be read.
     pub inversions: Option<u64>,
-    /// Number of pairs of splats that are blended in the wrong order; `None` like `inversions`.
+    /// Number of pairs of splats that are blended in the wrong order; `None` if `inversions` is `None`.
     pub wrong: Option<u64>,
     /// Total number of pairs of splats in the order buffer; 0 if it cannot be read.
     pub pairs: u64,

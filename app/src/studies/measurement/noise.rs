@@ -85,7 +85,8 @@ impl Share {
         Share { range, ..self }
     }
 
-    /// Returns whether this takes at least [`MIN_SAVING`] less time than `other`; `None` if noise hides the answer.
+    /// Returns whether this takes at least [`MIN_SAVING`] less time than `other`; `None` if noise hides the answer, or
+    /// if either has no range.
     pub fn faster(&self, other: &Share) -> Option<bool> {
         let ((low, high), (other_low, other_high)) = (self.range?, other.range?);
         let kept = 1.0 - MIN_SAVING;
@@ -124,7 +125,7 @@ fn outside(turns: usize) -> Option<usize> {
     found
 }
 
-/// Returns true if the range of the turns' median is narrow enough to end the measurement of one of `views`.
+/// Returns true if the range of the turns' median is narrow enough to end the measurement of one view of `views`.
 pub fn enough(turns: &[f64], views: usize) -> bool {
     let found = Share::of(turns);
     let narrow = |share: &Share| {

@@ -57,7 +57,8 @@ pub struct Planned {
 /// Leaves out the settings that draw the same pictures as another, and reports each with the reason.
 ///
 /// A setting is left out if its parameter has no effect in the plan of `exact`, or if its plans for all cameras equal
-/// an earlier setting's. `exact` is a prepared session of the first setting. Settings rejected by `wanted` are dropped.
+/// an earlier setting's. `exact` is a prepared session of the first setting. Settings rejected by `wanted` are dropped
+/// without a report. On a GPU, one plan of each setting is compiled ahead, on other threads.
 ///
 /// # Errors
 /// The exact settings are not prepared, or the listener cancels.

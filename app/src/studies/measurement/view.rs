@@ -112,6 +112,7 @@ impl Measuring<'_> {
 /// Draws a view with a prepared session, and measures its time, interleaved with a baseline.
 ///
 /// The picture is compared with the truth on another thread; on a device that is a CPU, before the time is measured.
+/// A picture whose comparison has failed by then gets no time.
 ///
 /// # Errors
 /// The session fails. A picture that cannot be compared is an error of [`Measuring::finish`].

@@ -27,7 +27,8 @@ pub struct Summary {
     pub worst: WorstPixel,
     /// Mean number of pairs of splats that swap places in a step; `None` without a readable order.
     pub order_changes: Option<f64>,
-    /// Mean number of pairs of splats that swap places in a step, in the true order; `None` like `order_changes`.
+    /// Mean number of pairs of the drawn splats that swap places in a step, in the true order; `None` without a
+    /// readable order.
     pub true_order_changes: Option<f64>,
 }
 

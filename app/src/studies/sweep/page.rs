@@ -112,7 +112,7 @@ impl SweepResult {
         self.plot("What a millisecond buys", milliseconds(), psnr(), point)
     }
 
-    /// Plots each phase's share of a frame against the number of splats, for [`Choice::FileOrder`].
+    /// Plots each phase's share of the phases' time against the number of splats, for [`Choice::FileOrder`].
     pub fn shares(&self) -> Plot {
         let means = self.means(Choice::FileOrder);
         let names: BTreeSet<&String> =
@@ -134,7 +134,7 @@ impl SweepResult {
         }
     }
 
-    /// Plots the time of the draw against the fragments of the approach, with the fitted line.
+    /// Plots the time of the blending against the fragments of the approach, with the fitted line if there is one.
     pub fn approach(&self) -> Plot {
         let drawn = |step: &Closer| {
             let (x, y) = (step.fragments as f64 / 1e6, blending(step.time.as_ref()?)?);

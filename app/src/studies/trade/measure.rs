@@ -45,12 +45,12 @@ impl Pending<'_> {
         Pending { setting: setting.into(), plan: None, camera: camera.into(), found }
     }
 
-    /// Milliseconds of the exact settings; `None` if no time was measured.
+    /// Returns the milliseconds of the exact settings; `None` if no time was measured.
     pub fn exact_ms(&self) -> Option<f64> {
         Some(self.found.as_ref().ok()?.time.as_ref()?.exact_ms)
     }
 
-    /// Waits for the comparison. Returns the row and its picture; a setting that cannot be drawn has none.
+    /// Waits for the comparison. Returns the row and its picture; `None` if it cannot be drawn or compared.
     pub fn finish(self) -> (Row, Option<Image>) {
         let Pending { setting, plan, camera, found } = self;
         let (found, picture) = match found.and_then(Measuring::finish) {

@@ -51,7 +51,8 @@ impl Album {
         all.into_par_iter().try_for_each(|(file, image)| image.reduced(WIDTH).save(&folder.join(file)))
     }
 
-    /// Copies the pictures of a setting in the view of `camera` from another album. Missing pictures are skipped.
+    /// Copies the pictures of a setting in the view of `camera` from another album. Missing pictures are skipped. Does
+    /// nothing if either album has no folder.
     ///
     /// # Errors
     /// A file cannot be written.

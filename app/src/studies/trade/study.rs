@@ -254,7 +254,8 @@ fn only(wanted: &Wanted, setting: &str) -> bool {
     wanted.only.is_empty() || wanted.only.iter().any(|name| setting.starts_with(name.as_str()))
 }
 
-/// Lists all settings of the graph, the exact ones first, and checks the prefixes of [`Wanted::only`].
+/// Lists all settings of the graph, the exact ones first, and checks the prefixes of [`Wanted::only`]. If `only` names
+/// a parameter without an exact value, its current value counts as exact.
 fn chosen(wanted: &Wanted, controls: &[Control]) -> Result<Vec<Setting>, StudyError> {
     let mut controls = controls.to_vec();
     for Param { name, exact, value, .. } in controls.iter_mut().map(|control| &mut control.param) {

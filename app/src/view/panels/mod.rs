@@ -414,8 +414,8 @@ impl Panels {
         median(self.frame_ms.iter().copied().collect()).filter(|ms| *ms > 0.0)
     }
 
-    /// Shows how the last change of a constant changed the plan, in a line above the list of parameters. Removes the
-    /// line if several constants, the passes otherwise or the selected viewport changed.
+    /// Shows how a change of one constant changed the plan, in a line above the list of parameters. A change of
+    /// several constants, any other change of the passes, and another selected viewport remove the line.
     fn tell_effect(&mut self, viewer: &mut Viewer) {
         let selected = self.selected;
         let Some(plan) = viewer.viewport(selected).and_then(|viewport| viewport.renderer.plan()).cloned()

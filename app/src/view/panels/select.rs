@@ -143,7 +143,8 @@ impl State {
         viewer.select(drag.viewport, region, self.reach, drag.combine);
     }
 
-    /// Applies a key to the scene of viewport `id`; returns false if it is not a selection key.
+    /// Applies a key to the scene of viewport `id`; returns false if it is not a selection key. `command` is true if
+    /// Ctrl is held, or Cmd on macOS.
     pub fn key(&mut self, key: Key, command: bool, viewer: &mut Viewer, id: RendererId) -> bool {
         match (key, command) {
             (Key::A, true) => viewer.select_all(id),
@@ -185,8 +186,8 @@ impl State {
         }
     }
 
-    /// Draws the card at the bottom of the picture, for the scene of viewport `id`: all of it, or only a line of text if
-    /// not `whole`.
+    /// Draws the card at the bottom of the picture, for the scene of viewport `id`: all of it, or only a line of text
+    /// if not `whole`. Draws nothing if no tool is active and no splat is marked.
     pub fn card(
         &mut self,
         ctx: &Context,

@@ -39,7 +39,7 @@ pub struct Times {
     pub passes: Vec<(String, f64)>,
     /// Median GPU time of a frame outside its passes, in milliseconds; `None` without measured times.
     pub unattributed: Option<f64>,
-    /// True if `unattributed` is most of the frame, so that the passes' times are unreliable.
+    /// True if `unattributed` is more than half of the frame, so that the passes' times are unreliable.
     pub unreliable: bool,
 }
 
@@ -466,7 +466,7 @@ fn legend(ui: &mut Ui, dump: &Dump) {
     }
 }
 
-/// Draws the symbol for a pass's use of a resource: a square for writes, a circle for reads.
+/// Draws the symbol for a pass's use of a resource: a square for writes, a circle for reads, and nothing for neither.
 fn draw_use(painter: &Painter, palette: &Palette, centre: Pos2, reads: bool, writes: bool) {
     if writes {
         painter.rect_filled(Rect::from_center_size(centre, vec2(6.0, 6.0)), 1.0, palette.ink);
@@ -477,7 +477,8 @@ fn draw_use(painter: &Painter, palette: &Palette, centre: Pos2, reads: bool, wri
     }
 }
 
-/// Computes the positions of all passes and barriers, and the total width, in points.
+/// Computes the positions of all passes and barriers, and the total width, in points. The frame's passes are equally
+/// wide if `equal`; otherwise, their widths follow their times.
 fn columns(dump: &Dump, times: &Times, width: f32, zoom: f32, equal: bool) -> (Vec<Column>, f32) {
     let frame = |pass: &&DumpPass| pass.run == Run::Frame;
     let count = dump.passes.iter().filter(frame).count().max(1) as f32;
@@ -513,7 +514,7 @@ fn columns(dump: &Dump, times: &Times, width: f32, zoom: f32, equal: bool) -> (V
 }
 
 /// Groups the resources into rows: shared blocks, then transient resources, then all others. Keeps the rows in which
-/// the title or any resource's name contains `filter`.
+/// the title or any resource's name contains `filter`, in upper or lower case.
 fn lanes<'a>(dump: &'a Dump, filter: &str) -> Vec<Lane<'a>> {
     let wanted = filter.trim().to_lowercase();
     let find = |name: &String| dump.resources.iter().find(|resource| resource.name == *name);
