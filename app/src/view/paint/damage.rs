@@ -10,7 +10,7 @@ use egui::epaint::Mesh;
 use egui::{Pos2, Rect, pos2};
 use std::sync::Arc;
 
-/// Returns true if a triangle with these corners cannot cover a pixel of an area.
+/// Returns true if the bounds of a triangle show that it covers no pixel of an area.
 pub fn misses(area: Rect, corners: [Pos2; 3]) -> bool {
     let Rect { min, max } = Rect::from_points(&corners);
     max.x <= area.min.x || min.x >= area.max.x || max.y <= area.min.y || min.y >= area.max.y

@@ -24,8 +24,9 @@ pub enum Drag {
 }
 
 impl Drag {
-    /// Applies the input of this frame. Returns a click's viewport and its position, in pixels of the picture; `None`
-    /// without a click, for the second click of a double click, or if the brush consumed it.
+    /// Applies the input of this frame to the camera, the split line or the selection. Returns a click's viewport and
+    /// its position, in pixels of the picture; `None` without a click, for the second click of a double click, or if
+    /// the brush consumed it.
     pub fn act(
         &mut self,
         ui: &mut Ui,

@@ -14,7 +14,7 @@ struct Entry {
     summary: String,
 }
 
-/// The list of graphs.
+/// The list of graphs, and its search text.
 pub struct Presets {
     entries: Vec<Entry>,
     search: String,

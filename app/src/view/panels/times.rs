@@ -127,7 +127,7 @@ fn cell(ui: &mut Ui, text: String, grey: bool) {
     });
 }
 
-/// Draws text, truncated so that `reserved` points stay free to its right.
+/// Draws text, truncated so that `reserved` points stay free to its right, but not to less than 40 points.
 fn label_beside(ui: &mut Ui, reserved: f32, text: impl Into<WidgetText>) -> Response {
     let size = vec2((ui.available_width() - reserved).max(40.0), ui.available_height());
     let layout = Layout::left_to_right(Align::Center);

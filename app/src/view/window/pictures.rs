@@ -6,7 +6,8 @@ use anyhow::Result;
 use splatgraph_api::Pixels;
 use std::path::{Path, PathBuf};
 
-/// Saves a picture at `path`, or else as a new file, numbered after `stem`. Returns the path.
+/// Saves a picture at `path`, in the format of its extension, or else as a new PNG file numbered after `stem`. Returns
+/// the path.
 ///
 /// # Errors
 /// The picture has no colours, or the file cannot be written.

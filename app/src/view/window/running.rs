@@ -130,8 +130,9 @@ impl Running {
         [asked, self.next, self.look].into_iter().flatten().min().map(|time| time.max(self.earliest))
     }
 
-    /// Returns the minimum interval between frames: one refresh of the display with vsync on Wayland, otherwise zero.
-    /// On Wayland, presentation must not wait for the display, because a hidden window would wait forever.
+    /// Returns the minimum interval between frames: one refresh of the display with vsync on Wayland; zero otherwise,
+    /// and if the refresh rate is unknown. On Wayland, presentation must not wait for the display, because a hidden
+    /// window would wait forever.
     fn interval(&self) -> Duration {
         if !self.shell.panels.vsync {
             return Duration::ZERO;
