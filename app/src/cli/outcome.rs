@@ -23,7 +23,7 @@ impl From<output::guard::Conflict> for Usage {
     }
 }
 
-/// Rejects given options. Each entry is an option, and true if it is given; the error names the first.
+/// Rejects given options. Each entry is an option, and true if it is given; `why` formats the error for the first.
 pub fn refuse(options: &[(&str, bool)], why: impl FnOnce(&str) -> String) -> Result<(), Usage> {
     let given = options.iter().find(|(_, is_given)| *is_given);
     given.map_or(Ok(()), |(option, _)| Err(Usage(why(option))))
