@@ -242,8 +242,8 @@ impl Shell {
         Frame { platform: output.platform_output, commands, drawn, next, picture, lost }
     }
 
-    /// Returns the time of the next frame after one that began at `begun`. `repaint` is the delay that egui requests.
-    /// `None` to wait for an event.
+    /// Returns the time of the next frame after one that began at `begun`; `None` to wait for an event. `repaint` is
+    /// the delay that egui requests.
     fn next(&self, begun: Instant, drawn: bool, repaint: Duration) -> Option<Instant> {
         if self.changes() != self.seen {
             // Something changed after the panels were drawn.
