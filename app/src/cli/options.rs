@@ -362,7 +362,8 @@ pub fn print_beside(json: Option<&Path>, text: &str) -> Result<()> {
     if json.is_some_and(is_standard_output) { Ok(()) } else { write_text(None, text) }
 }
 
-/// Writes text to a file, or to standard output for `None` or `-`. A closed pipe is not an error.
+/// Writes text to a file, or to standard output for `None` or `-`, with its harmful characters escaped. A closed pipe
+/// is not an error.
 pub fn write_text(path: Option<&Path>, text: &str) -> Result<()> {
     match path.filter(|path| !is_standard_output(path)) {
         Some(path) => Ok(output::write_bytes(path, output::harmless(text).as_bytes())?),

@@ -167,8 +167,9 @@ impl CameraStats {
 
     /// Formats a summary line: `153,746 of 200,000 splats visible, 1.234 ms on ... (key 0.2, sort 0.6, draw 0.4)`.
     ///
-    /// Statistics of a user's graph follow the splats, such as `in_view 153,746`. The splats are omitted if the graph
-    /// draws no scene. The phases are followed by the time that belongs to none. Without a statistic `visible`, the statistics of the built-in graphs are listed like a user's.
+    /// Statistics of a user's graph follow the splats, such as `in_view 153,746`. Without a statistic `visible`, those
+    /// of the built-in graphs are listed in the same way. The splats are omitted if the graph draws no scene. The
+    /// phases are followed by the time that belongs to none.
     pub fn line(&self) -> String {
         let visible = self.stats.iter().find(|(name, _)| name == VISIBLE).filter(|_| self.loaded.is_some());
         let splats = self.loaded.map(|loaded| match visible {

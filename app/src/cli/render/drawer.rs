@@ -74,7 +74,8 @@ enum With {
 }
 
 impl Drawer {
-    /// Loads the scene, unless it is given, while the device is opened. The exact renderer needs no device.
+    /// Loads the scene, unless it is given, while the device is opened. The exact renderer needs no device. Chooses the
+    /// storage of the splats, and prints notes about it, the times and the outputs.
     ///
     /// # Errors
     /// There is no suitable device, a rule is invalid, the scene cannot be loaded or is too large, or its cameras do
@@ -254,8 +255,8 @@ impl Drawer {
     }
 }
 
-/// Draws a view on a device, or skips it if its size was refused. The tuple is the camera, its file name stem, and the
-/// number of cameras.
+/// Draws a view on a device, or skips it if its size was refused. A single frame without `--inspect` is only submitted.
+/// The tuple is the camera, its file name stem, and the number of cameras.
 fn draw(
     args: &Args,
     session: &mut Session,
@@ -319,7 +320,7 @@ fn check_plan(args: &Args, session: &mut Session, guard: &mut OutputGuard, camer
     Ok(())
 }
 
-/// Returns a note for the outputs of a picture with a mesh.
+/// Returns a note for the outputs of a picture with a mesh; `None` without outputs.
 ///
 /// # Errors
 /// `rgba` is among them.

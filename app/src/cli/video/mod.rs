@@ -419,7 +419,7 @@ impl Job<'_> {
         })
     }
 
-    /// Records the inputs that determine the frames' pixels, for `film.json`.
+    /// Collects the inputs that determine the frames' pixels, for `film.json`.
     fn record(&self, session: &Session, cameras: &[Camera]) -> Result<serde_json::Value> {
         let plan = session.plan().context("no plan after `prepare`")?;
         let (width, height) = self.size;

@@ -137,8 +137,8 @@ impl Words {
     /// Converts an image to a picture: `[height, width, channels]` in colour, `[height, width]` in grey.
     ///
     /// A fourth channel is ignored. Values between 0 and 1 are unchanged; a wider range is scaled to 0 to 1. Pixels
-    /// with infinite or NaN values are magenta. `None` for other shapes, for a shape that does not match the number of words, and
-    /// without words.
+    /// with infinite or NaN values are magenta. `None` for other shapes, for a shape that does not match the number of
+    /// words, and without words.
     pub fn picture(&self, shape: &[u64]) -> Option<Image> {
         let (height, width, channels) = match *shape {
             [height, width] => (height as usize, width as usize, 1),

@@ -89,7 +89,7 @@ struct Running {
     begun: Instant,
     threads: HashMap<ThreadId, usize>,
     open: HashMap<u64, Open>,
-    /// Frames in flight, with the time when the submission of each began.
+    /// Frames in flight, by their numbers on the device.
     flying: HashMap<u64, Submission>,
     recording: Recording,
 }
@@ -145,7 +145,8 @@ pub fn finish() -> Option<Recording> {
     Some(Recording { end: begun.elapsed(), ..recording })
 }
 
-/// Records a frame, whose submission began at `begun`. See [`Submission`] for `camera` and `warm_up`.
+/// Records a frame, whose submission began at `begun`; does nothing without a recording. See [`Submission`] for
+/// `camera` and `warm_up`.
 pub fn submitted(number: u64, begun: Instant, (camera, warm_up): (&str, bool)) {
     if ACTIVE.load(Ordering::Relaxed)
         && let Some(running) = &mut *running()
@@ -155,7 +156,8 @@ pub fn submitted(number: u64, begun: Instant, (camera, warm_up): (&str, bool)) {
     }
 }
 
-/// Records that a frame is complete. `frame` makes the record from the submission and the time of completion.
+/// Records that a frame is complete. `frame` makes the record from the submission and the time of completion; it is not
+/// called without a recording, or if [`submitted`] did not record the frame.
 pub fn completed(number: u64, frame: impl FnOnce(Submission, Duration) -> Frame) {
     if ACTIVE.load(Ordering::Relaxed)
         && let Some(running) = &mut *running()
