@@ -173,7 +173,7 @@ fn no_command_overwrites_a_shader_of_its_graph() {
     }
     let before = place.files(".");
     for args in [
-        "dump pipelines/splat.ron -o shaders/camera.glsl",
+        "dump pipelines/splat.ron --format text -o shaders/camera.glsl",
         "bench scene.ply --pipelines pipelines/splat.ron --sizes 32x18 --json=shaders/camera.glsl",
         "advise scene.ply -p pipelines/splat.ron --size 32x18 --psnr 30 --json=shaders/camera.glsl",
         "trade scene.ply -p pipelines/splat.ron --size 32x18",

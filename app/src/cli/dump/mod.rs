@@ -143,6 +143,7 @@ impl Args {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
+    let mut guard = guard(args)?;
     let format = args.format()?;
     if args.diff.is_some() && matches!(format, Form::Dot | Form::Html) {
         return Err(Usage("expected --format text or json with --diff; leave out one of them".into()).into());
@@ -153,7 +154,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
         )
         .into());
     }
-    let mut guard = guard(args)?;
     // Read the times first, because building the plan takes longer.
     let times = args.times.as_deref().map(times::load).transpose()?;
     let (scene, catalog) = loading::scene_facts(args.scene.as_deref(), &args.load)?;
@@ -197,10 +197,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Adds GPU times to a dump. Fails if no time belongs to a pass of the plan, and warns if some times or passes are
-/// unmatched, and if the times are from another `size`, device or parameter value than the plan.
+/// Adds GPU times to a dump. Fails if no time belongs to a pass of the plan.
 ///
-/// A device of `None`, which stands for the nominal one, is not compared.
+/// Warns if the times are from another graph, `size`, device or parameter value than the plan, if some times or passes
+/// are unmatched, and if more than a quarter of the frame's time belongs to no pass. A device of `None`, which stands
+/// for the nominal one, is not compared.
 fn with_times(dump: Dump, times: &times::Times, (size, device): ((u32, u32), Option<&str>)) -> Result<Dump> {
     let (mut timed, found) = dump.with_times(&times.passes);
     timed.frame_ms = times.frame_ms;
