@@ -80,7 +80,8 @@ pub fn load_beside(file: &Path) -> Option<Vec<Camera>> {
     cameras.inspect_err(told).ok()
 }
 
-/// Registers the camera file as an input, so that no output can overwrite it.
+/// Registers the file of `--cameras`, or else the one beside the scene, as an input, so that no output can overwrite
+/// it.
 pub fn claim(guard: &mut OutputGuard, spec: Option<&str>, scene: Option<&Path>) -> Result<(), Usage> {
     if let Some(spec) = spec {
         return claim_file(guard, spec);
@@ -95,7 +96,8 @@ fn is_json(spec: &str) -> bool {
     spec.trim_start().starts_with(['[', '{']) && !Path::new(spec).exists()
 }
 
-/// Loads the cameras of `PATH` or `PATH#INDEX` in any format of [`Dataset`], or parses the text of a `cameras.json`.
+/// Loads the cameras of `PATH`, `PATH#INDEX` or `PATH#NAME` in any format of [`Dataset`], or parses the text of a
+/// `cameras.json`. Prints which file moved the cameras of a dataset, and that an animation is not read.
 ///
 /// # Errors
 /// The file or the text is invalid, or has no cameras.
@@ -127,7 +129,8 @@ pub fn tell_alignment(dataset: &Dataset) {
 
 /// Warns the user if principal points are farther from the middle of the pictures than scores tolerate.
 pub fn tell_off_center<'a>(cameras: impl IntoIterator<Item = &'a Camera>) {
-    /// Distance that hardly changes a score, in pixels. Half a pixel, as of `cx = (width - 1) / 2`, changes it a lot.
+    /// Maximum offset without a warning, in pixels: it hardly changes a score. Half a pixel, as of
+    /// `cx = (width - 1) / 2`, does.
     const TOLERANCE: f64 = 0.05;
     let offsets = cameras.into_iter().flat_map(|camera| camera.principal_offset);
     let farthest = offsets.fold(0.0, |most: f64, v| v.abs().max(most));

@@ -302,7 +302,7 @@ impl Job {
         is_present(&self.outputs.folder, &self.outputs.files[view]) && self.work.is_current(view)
     }
 
-    /// Removes a view's files from earlier inputs, which would otherwise count as results of the present inputs.
+    /// Removes the files of a failed view, which would otherwise count as its results: they may be of earlier inputs.
     fn remove(&self, view: usize) -> Result<()> {
         for file in self.outputs.files[view].iter().map(|file| self.outputs.folder.join(file)) {
             match fs::remove_file(&file) {
@@ -368,8 +368,8 @@ pub fn is_present(folder: &Path, files: &[PathBuf]) -> bool {
     files.iter().all(|file| is_whole(&folder.join(file)).unwrap_or(false))
 }
 
-/// Detects damaged files; see [`Image::is_whole`]. Files are written atomically, but an interrupted copy, a full disk or
-/// a lost connection to a shared disk can damage them later.
+/// Returns false for a damaged picture (see [`Image::is_whole`]), and for invalid JSON. Files are written atomically,
+/// but an interrupted copy, a full disk or a lost connection to a shared disk can damage them later.
 fn is_whole(path: &Path) -> Result<bool> {
     Ok(match path.extension().and_then(OsStr::to_str) {
         Some("json") => serde_json::from_slice::<IgnoredAny>(&own_file::read(path)?).is_ok(),

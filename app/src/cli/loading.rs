@@ -182,7 +182,7 @@ pub fn scene_name(path: Option<&Path>) -> String {
     path.map_or_else(|| demo::NAME.to_owned(), |path| path.display().to_string())
 }
 
-/// Loads the scene and its cameras, and resizes the cameras' pictures to `size`.
+/// Loads the scene and its cameras, and resizes the cameras' pictures to `size`, if it is given.
 ///
 /// A camera with an empty or duplicate name gets a unique one, as a file name of at most `room` bytes.
 pub fn scene_and_cameras(

@@ -93,7 +93,7 @@ const CSV: &str = "ledger.csv";
 const PAGE: &str = "ledger.html";
 const PLOT: &str = "ledger";
 
-/// Opens the device and loads the scene.
+/// Opens the device, loads the scene and the pictures of `--truth`, and registers the graph's files in `guard`.
 fn open(
     args: &Args,
     guard: &mut OutputGuard,

@@ -109,7 +109,7 @@ struct Means {
 }
 
 impl Means {
-    /// Computes the means: `None` if a pair is missing, because a partial mean could mislead.
+    /// Computes the means: `None` if a pair or its score is missing, because a partial mean could mislead.
     fn of(found: &[Found], missing: usize) -> Means {
         let of =
             |score: &dyn Fn(&Found) -> Option<f64>| mean(found.iter().map(score)).filter(|_| missing == 0);
