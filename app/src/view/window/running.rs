@@ -32,7 +32,7 @@ const LOOKS: (Duration, Duration) = (Duration::from_millis(1), Duration::from_mi
 /// Divisor of the age of the newest frame in flight; the quotient is the polling interval, within [`LOOKS`].
 const LOOK: u32 = 16;
 
-/// Maximum wait for each device's frames, and for a build, when the window closes.
+/// Maximum wait for each renderer's frames, and in total for builds, when the window closes.
 const CLOSING: Duration = Duration::from_secs(3);
 
 /// Time after which the program gives up if the window's own graph could never be drawn because of a transient failure,
