@@ -43,8 +43,8 @@ pub const EXAMPLES: &str = "Examples:
 ///
 /// Draws the test views of a dataset at the photographs' size, and compares both. Test views are the dataset's own
 /// (Blender, nerfstudio), or else every eighth photograph by name, as in the 3DGS reference implementation. A line on
-/// standard error says so. PSNR and SSIM are computed as in `compare`, and FLIP as its `flip_8_bits`. The means over the
-/// views are comparable with published tables, except for the differences that docs/formats.md lists.
+/// standard error says so. PSNR and SSIM are computed as in `compare`, and FLIP as its `flip_8_bits`. The means over
+/// the views are comparable with published tables, except for the differences that docs/formats.md lists.
 ///
 /// A view does not stop the others if its photograph is missing, damaged or of another shape, or if its picture has
 /// values that are not finite. The JSON lists it in `missing`, there are no means, and the exit code is 1.
@@ -214,8 +214,8 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     };
     if let Renderer::Device(_) = args.backend {
         projection::shared(&chosen.iter().map(|view| view.camera.clone()).collect::<Vec<_>>())?;
-        // A photograph is no picture of another projection, so pinholes are not converted. A graph's errors are reported
-        // when it is built.
+        // A photograph is no picture of another projection, so pinholes are not converted. A graph's errors are
+        // reported when it is built.
         let graph = projection::of_graph(&args.pipeline, &args.set);
         let other = |graph| chosen.iter().find(|view| view.camera.projection != graph).zip(Some(graph));
         if let Some((view, graph)) = graph.and_then(other) {

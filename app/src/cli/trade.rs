@@ -36,8 +36,8 @@ use std::path::{Path, PathBuf};
 ///
 /// The columns are the share of the exact settings' time, ± the farther end of its 99 % confidence interval; that share
 /// in milliseconds on the GPU, of the exact settings' time on a warm device, with the spread over the rounds; PSNR of
-/// the mean squared error over all pixels of all views, where `evaluate` and `convert --price` print the mean of the views'
-/// PSNR, and over the pixels that a splat covers; the lowest SSIM; the mean of NVIDIA's FLIP (0 for equal
+/// the mean squared error over all pixels of all views, where `evaluate` and `convert --price` print the mean of the
+/// views' PSNR, and over the pixels that a splat covers; the lowest SSIM; the mean of NVIDIA's FLIP (0 for equal
 /// pictures); the largest difference of a channel; the share of pixels that are off by more than 1/255; pairs of
 /// visible splats in the wrong order; and memory on the device. A `*` marks the Pareto front: every setting that is at
 /// least as accurate takes at least 2 % longer, beyond the noise. The noise is at least the difference of the exact
@@ -68,8 +68,8 @@ pub struct Args {
     drawing: Drawing,
     /// Folder of pictures that count as exact, one for each camera [default: the exact renderer's pictures]
     ///
-    /// A picture has the name of the camera's img_name or photograph, with or without its folders. Alpha is blended over
-    /// black, on which the graphs draw.
+    /// A picture has the name of the camera's img_name or photograph, with or without its folders. Alpha is blended
+    /// over black, on which the graphs draw.
     #[arg(long, value_name = "DIR")]
     truth: Option<PathBuf>,
     /// Folder for ledger.json, .csv, .html, .svg, .png and pictures/; an interrupted run resumes from ledger.json

@@ -57,8 +57,8 @@ pub struct Args {
     /// Background colour, display-encoded, 0 to 1
     #[arg(long, value_name = "R,G,B|#RRGGBB", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     background: [f32; 3],
-    /// World direction that points up: an axis such as z or -y, or a vector [default: the cameras', else the scene's, or
-    /// -y]
+    /// World direction that points up: an axis such as z or -y, or a vector [default: the cameras', else the scene's,
+    /// or -y]
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true, value_parser = super::look_at::direction)]
     up: Option<[f64; 3]>,
     /// Compare with another graph

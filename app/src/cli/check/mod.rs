@@ -33,10 +33,10 @@ const EXAMPLES: &str = "Examples:
 /// Builds every graph with its shaders for a nominal scene and the least capable supported device, with subgroups of 4
 /// to 128 lanes. Errors are shown at their line and column. A graph's requirement that this device does not meet is
 /// reported, but is not an error: the graph is then checked with other facts of the device or the scene, with which its
-/// requirements are met. So are the graphs of a choice that are not drawn. If no such facts are found, this is an error,
-/// or a warning for one of several graphs of a choice. An oracle replays the barriers of each plan,
-/// and reports missing barriers and needless bits. A parameter of --set without an effect gives a warning. With
-/// --device, graphs are built for that device instead, and unmet requirements are errors.
+/// requirements are met. So are the graphs of a choice that are not drawn. If no such facts are found, this is an
+/// error, or a warning for one of several graphs of a choice. An oracle replays the barriers of each plan, and reports
+/// missing barriers and needless bits. A parameter of --set without an effect gives a warning. With --device, graphs
+/// are built for that device instead, and unmet requirements are errors.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {

@@ -20,14 +20,14 @@ use std::path::PathBuf;
 /// Compare pictures: PSNR, SSIM, FLIP and the worst pixel
 ///
 /// A and B are pictures (.png, .jpg, .exr, .npy, or ARCHIVE.npz#ARRAY), or folders of pictures. A .npz archive counts
-/// as a folder of arrays. Pictures of two folders are matched by name without extension, and the means over all pictures
-/// are printed. A picture without a partner is an error. A pair that cannot be compared does not stop the others: it is
-/// listed, there are no means, and the exit code is 1.
+/// as a folder of arrays. Pictures of two folders are matched by name without extension, and the means over all
+/// pictures are printed. A picture without a partner is an error. A pair that cannot be compared does not stop the
+/// others: it is listed, there are no means, and the exit code is 1.
 ///
 /// PSNR is 10 log10(1 / MSE) over all pixels and channels, of values clamped to 0..1. SSIM (Wang et al. 2004, Gaussian
 /// window of 11 x 11, sigma 1.5) is the mean over the channels. FLIP (Andersson et al. 2020) is the mean over the
-/// pixels, 0 for equal pictures, seen with 67.02 pixels per degree. It is computed from the values themselves (`flip` of
-/// --json) and from the values in 8 bits (`flip_8_bits`), as `flip` of all other commands. The worst pixel has the
+/// pixels, 0 for equal pictures, seen with 67.02 pixels per degree. It is computed from the values themselves (`flip`
+/// of --json) and from the values in 8 bits (`flip_8_bits`), as `flip` of all other commands. The worst pixel has the
 /// largest difference of a channel, unclamped. If one picture has only 8 or 16 bits, values are first clamped to 0..1,
 /// and --range must be within 0..1.
 ///
@@ -36,8 +36,8 @@ use std::path::PathBuf;
 /// values outside of 0..1, as depths have, the range of B's values (with 0 and 1) becomes 0..1, and A is clamped to it.
 /// Only the worst pixel keeps its unit. --range sets one range for all pictures.
 ///
-/// Indices have no distances: if both pictures have one channel, and one has the value 4294967295, as the output `index`
-/// has without splats, then unequal pixels differ by 1, and a line tells their number.
+/// Indices have no distances: if both pictures have one channel, and one has the value 4294967295, as the output
+/// `index` has without splats, then unequal pixels differ by 1, and a line tells their number.
 ///
 /// All measures are computed in f64, also for float64 arrays.
 #[derive(Debug, clap::Args)]

@@ -238,8 +238,8 @@ fn check_keys(args: &Args, keys: &[Camera]) -> Result<()> {
     Ok(())
 }
 
-/// Makes the camera motion, in the scene's coordinates. `own` is the demo scene's camera. With `even`, keys that have an
-/// odd width or height get one pixel more, unless a size was requested.
+/// Makes the camera motion, in the scene's coordinates. `own` is the demo scene's camera. With `even`, keys that have
+/// an odd width or height get one pixel more, unless a size was requested.
 fn motion(
     args: &Args,
     even: bool,

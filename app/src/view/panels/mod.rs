@@ -383,8 +383,8 @@ impl Panels {
         }
     }
 
-    /// Records the interval since the last frame, and forgets all intervals at rest. `drawn` is the number of A's frames
-    /// so far; `rests` is true if none is in flight.
+    /// Records the interval since the last frame, and forgets all intervals at rest. `drawn` is the number of A's
+    /// frames so far; `rests` is true if none is in flight.
     fn time(&mut self, ctx: &Context, drawn: u64, rests: bool) {
         let now = Instant::now();
         // Count only frames with a new picture of the scene.

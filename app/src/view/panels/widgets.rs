@@ -60,8 +60,8 @@ pub fn takes_keys(ctx: &Context) -> bool {
     ctx.egui_wants_keyboard_input() || Popup::is_any_open(ctx)
 }
 
-/// Returns true if no modifier but Shift is held. Shortcuts of a single key require this, because other programs use the
-/// same key with Ctrl or Alt for something else.
+/// Returns true if no modifier but Shift is held. Shortcuts of a single key require this, because other programs use
+/// the same key with Ctrl or Alt for something else.
 pub fn is_plain(modifiers: egui::Modifiers) -> bool {
     !(modifiers.alt || modifiers.ctrl || modifiers.command)
 }
@@ -94,7 +94,8 @@ pub fn follow_focus(ui: &mut Ui) {
     }
 }
 
-/// Returns the keyboard focus to a button when its list or menu closes, if a key opened it. Must be called after the list.
+/// Returns the keyboard focus to a button when its list or menu closes, if a key opened it. Must be called after the
+/// list.
 pub fn return_focus(ui: &mut Ui, button: &Response) {
     let id = button.id.with("by key");
     if button.clicked() {

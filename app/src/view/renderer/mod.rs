@@ -133,8 +133,8 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// Creates a renderer that draws the chosen graph. Unlike after [`Renderer::choose`], a setting that the graph rejects
-    /// is an error.
+    /// Creates a renderer that draws the chosen graph. Unlike after [`Renderer::choose`], a setting that the graph
+    /// rejects is an error.
     ///
     /// # Errors
     /// The file watcher or the build thread cannot be started.

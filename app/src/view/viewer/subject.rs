@@ -239,8 +239,8 @@ impl Subject {
         Ok(())
     }
 
-    /// Takes the marked scene once it is made. If it cannot be made, for example for lack of memory, drops all marks and
-    /// returns the error.
+    /// Takes the marked scene once it is made. If it cannot be made, for example for lack of memory, drops all marks
+    /// and returns the error.
     pub fn take_drawn(&mut self) -> Result<(), String> {
         match self.maker.take() {
             None => {}
