@@ -41,7 +41,7 @@ pub fn point(text: &str) -> Result<[f64; 3], String> {
 
 /// Parses a direction: three numbers, or an axis with or without a sign, such as `z` or `-y`.
 pub fn direction(text: &str) -> Result<[f64; 3], String> {
-    let axis = match text.trim_start_matches(['+', '-']) {
+    let axis = match text.strip_prefix(['+', '-']).unwrap_or(text) {
         "x" => Some([1.0, 0.0, 0.0]),
         "y" => Some([0.0, 1.0, 0.0]),
         "z" => Some([0.0, 0.0, 1.0]),
