@@ -201,13 +201,13 @@ impl Camera {
         Self::framing_turns(scene, up, size, 1)
     }
 
-    /// Creates a camera as [`Camera::framing_upright`] does, at a distance from which the box fits on a whole circle around
-    /// the axis `up`.
+    /// Creates a camera like [`Camera::framing_upright`], but at a distance from which the box fits in every picture of
+    /// an orbit around the axis `up`.
     pub fn framing_around(scene: &Scene, up: [f64; 3], size: (u32, u32)) -> Self {
         Self::framing_turns(scene, up, size, 120)
     }
 
-    /// Creates a camera that frames the scene from `turns` places at equal steps on a circle around the axis `up`.
+    /// Creates a camera at a distance from which the scene fits at each of `turns` equal steps around the axis `up`.
     fn framing_turns(scene: &Scene, up: [f64; 3], (width, height): (u32, u32), turns: u32) -> Self {
         /// Downward slope of the view, in degrees.
         const PITCH: f64 = 12.0;

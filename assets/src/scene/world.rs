@@ -60,8 +60,9 @@ impl Scene {
         Ok(scene.with_offset(origin))
     }
 
-    /// Returns true if f32 suffices for positions in the world: it shifts no splat by more than 1/256 of its size, which
-    /// is the largest standard deviation, except by the steps of floats at 8 times the median distance from the middle.
+    /// Returns true if f32 suffices for positions in the world: it shifts no splat by more than 1/256 of its size,
+    /// which is the largest standard deviation, except by the steps of floats at 8 times the median distance from the
+    /// middle.
     pub(crate) fn fits_floats(
         count: u32,
         position: impl Fn(usize) -> DVec3 + Sync,

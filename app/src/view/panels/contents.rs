@@ -75,7 +75,10 @@ impl State {
             }
         });
         let top = ui.cursor().top();
-        ui.weak("While contents are read back, resources do not share memory: a pass that reads stale contents may draw another picture.");
+        ui.weak(
+            "While contents are read back, resources do not share memory: a pass that reads stale contents may draw \
+             another picture.",
+        );
         let (number, submitted) = (viewport.readings(), viewport.renderer.submitted());
         let palette = Palette::of(ui);
         let Some(inspection) = &mut viewport.inspection else {

@@ -132,7 +132,7 @@ fn a_frame_in_part_is_shown_and_said_until_a_plan_with_room_draws() {
         "digits",
         "entries",
         "growth of entries",
-        "another scene",
+        "a change of the scene",
     ];
     assert_eq!(causes(&events), expected);
     let alarms = |event: &&Event| matches!(event, Event::Failed { .. } | Event::Problem { .. });

@@ -197,6 +197,9 @@ impl Viewer {
                 let splats = scene.count();
                 self.events.push(Event::Scene { path: path.clone(), splats, load_ms });
                 let mut subject = Subject::new(scene, path, self.wake.clone());
+                if self.reloads(id, &subject.path) {
+                    subject.up = self.subject_of(id).up;
+                }
                 if let Some(marks) = self.marks_for(id, &subject)
                     && let Err(text) = subject.set_marks(marks)
                 {
@@ -261,8 +264,7 @@ impl Viewer {
     fn show_scene(&mut self, subject: Subject, number: u64, beside: Option<CamerasBeside>) {
         // The file was edited: keep the view while the user adjusts the placement.
         if self.reloads(RendererId::A, &subject.path) {
-            let former = self.replace_subject(subject);
-            self.subject.up = former.up;
+            self.replace_subject(subject);
             return;
         }
         let former = self.scene().offset();
