@@ -64,8 +64,9 @@ pub fn size(text: &str) -> Result<(u32, u32), String> {
 /// Parses `R,G,B`, `#RRGGBB`, `black` or `white`. Numbers beyond 0 to 1 are accepted, unless they look like 8-bit
 /// values.
 pub fn colour(text: &str) -> Result<[f32; 3], String> {
-    let digits =
-        text.strip_prefix('#').filter(|hex| hex.len() == 6).and_then(|hex| u32::from_str_radix(hex, 16).ok());
+    // `from_str_radix` accepts a sign.
+    let is_hex = |hex: &&str| hex.len() == 6 && !hex.starts_with('+');
+    let digits = text.strip_prefix('#').filter(is_hex).and_then(|hex| u32::from_str_radix(hex, 16).ok());
     match (text, digits) {
         ("black", _) => return Ok([0.0; 3]),
         ("white", _) => return Ok([1.0; 3]),
@@ -396,7 +397,7 @@ mod tests {
         {
             assert_eq!(colour(text), Ok(expected));
         }
-        for text in ["#ff003", "#ff00333", "#ff003x", "red"] {
+        for text in ["#ff003", "#ff00333", "#ff003x", "#+f0033", "red"] {
             assert!(colour(text).unwrap_err().contains("black or white"), "{text}");
         }
         for text in ["1,1,1", "1e3,1e3,1e3", "-1,-1,-1", "0.5,2,0", "1.5,0,0", "0,0,256"] {

@@ -122,10 +122,12 @@ fn print_raw(text: &str) -> io::Result<()> {
 /// Writes clap's help to standard output, or its error to standard error. Returns the exit code.
 pub fn say_usage(mut error: clap::Error, colour: bool) -> u8 {
     // No command takes a word that begins with `--` as a value.
-    if let Some(ContextValue::StyledStrs(tips)) = error.remove(ContextKind::Suggested) {
-        let tips =
-            tips.into_iter().filter(|tip| !tip.to_string().contains("' as a value, use '-- --")).collect();
-        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(tips));
+    if let Some(ContextValue::StyledStrs(mut tips)) = error.remove(ContextKind::Suggested) {
+        tips.retain(|tip| !tip.to_string().contains("' as a value, use '-- --"));
+        // clap prints an empty line for an empty list.
+        if !tips.is_empty() {
+            error.insert(ContextKind::Suggested, ContextValue::StyledStrs(tips));
+        }
     }
     let text = error.render();
     let text = if colour { text.ansi().to_string() } else { text.to_string() };

@@ -86,7 +86,7 @@ impl Study {
         let camera = subject.first()?;
         let mut session = subject.session(&wanted.pipeline, &wanted.set)?;
         let controls = session.controls((camera.width, camera.height))?;
-        let settings = chosen(wanted, &controls)?;
+        let settings = chosen(wanted, &earlier, &controls)?;
         let mut exact = subject.session(&settings[0].pipeline, &settings[0].set)?;
         exact.prepare((camera.width, camera.height), &mut |_| {})?;
         let is_wanted = |setting: &Setting| {
@@ -254,13 +254,19 @@ fn only(wanted: &Wanted, setting: &str) -> bool {
     wanted.only.is_empty() || wanted.only.iter().any(|name| setting.starts_with(name.as_str()))
 }
 
-/// Lists all settings of the graph, the exact ones first, and checks the prefixes of [`Wanted::only`]. If `only` names
-/// a parameter without an exact value, its current value counts as exact.
-fn chosen(wanted: &Wanted, controls: &[Control]) -> Result<Vec<Setting>, StudyError> {
+/// Lists all settings of the graph, the exact ones first, and checks the prefixes of [`Wanted::only`]. If `only` or an
+/// `earlier` row names a parameter without an exact value, its current value counts as exact.
+fn chosen(
+    wanted: &Wanted,
+    earlier: &BTreeSet<String>,
+    controls: &[Control],
+) -> Result<Vec<Setting>, StudyError> {
     let mut controls = controls.to_vec();
+    let is_named =
+        |name: &str| wanted.only.iter().chain(earlier).any(|other| other.split(' ').next() == Some(name));
     for Param { name, exact, value, .. } in controls.iter_mut().map(|control| &mut control.param) {
         // The exact value of a new method is seldom known, so a parameter that is asked for is compared with its value.
-        if exact.is_none() && wanted.only.iter().any(|only| only.split(' ').next() == Some(name.as_str())) {
+        if exact.is_none() && is_named(name.as_str()) {
             *exact = Some(value.clone());
         }
     }
@@ -340,6 +346,7 @@ fn view(scene: &Scene, camera: &Camera, picture: Option<&Image>) -> Result<View,
 mod tests {
     use super::*;
     use crate::draw::backend::Backend;
+    use crate::draw::builtin;
     use splatgraph_assets::synth;
     use splatgraph_null::{Config, open};
     use std::fs;
@@ -385,6 +392,31 @@ mod tests {
         let text = fs::read_to_string(&file).expect("the ledger");
         let ledger: serde_json::Value = serde_json::from_str(&text).expect("JSON");
         assert_eq!(ledger["rows"].as_array().map(Vec::len), Some(3), "{text}");
+    }
+
+    #[test]
+    fn a_parameter_without_an_exact_value_is_measured_if_only_or_an_earlier_row_names_it() {
+        let presets = builtin::presets();
+        let splat = presets.iter().find(|preset| preset.name == "splat").expect("it is built in");
+        let mut controls = splat.params.clone();
+        controls.iter_mut().for_each(|control| control.param.exact = None);
+        let is_measured = |only: &str, earlier: Option<&str>| {
+            let wanted = Wanted {
+                pipeline: "splat".into(),
+                set: Vec::new(),
+                only: vec![only.into()],
+                frames: Frames { rounds: 1, frames: Some(1) },
+                truths: None,
+                opened: String::new(),
+                file: None,
+            };
+            let earlier: BTreeSet<String> = earlier.map(str::to_owned).into_iter().collect();
+            let all = chosen(&wanted, &earlier, &controls).expect("a known setting");
+            all.iter().any(|setting| setting.name.starts_with("key_bits = "))
+        };
+        assert!(is_measured("key_bits", None));
+        assert!(is_measured("defaults", Some("key_bits = 8")), "otherwise, its rows are dropped");
+        assert!(!is_measured("defaults", None));
     }
 
     #[test]
