@@ -6,7 +6,6 @@ use super::loading;
 use super::options::{self, DeviceArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files, validated};
 use super::render::{Renderer, refuse_graph_options, renderer};
-use crate::draw::animation::background_note;
 use crate::draw::backend::{Api, Backend};
 use crate::draw::fit;
 use crate::draw::outputs;
@@ -407,7 +406,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     }
     if let Drawer::Device(session) = &mut drawer {
-        let note = session.plan().and_then(|plan| background_note(plan, args.background));
+        let note = session.background_note(args.background);
         progress.suspend(|| session.settings_without_effect().iter().chain(&note).for_each(say));
     }
     drop(progress);

@@ -8,7 +8,6 @@ use crate::cli::cameras;
 use crate::cli::loading;
 use crate::cli::options;
 use crate::cli::outcome::{Usage, claim_graph_files};
-use crate::draw::animation::background_note;
 use crate::draw::backend::Backend;
 use crate::draw::facts::DEFAULT_SIZE;
 use crate::draw::orbit;
@@ -307,8 +306,8 @@ fn draw(
 fn check_plan(args: &Args, session: &mut Session, guard: &mut OutputGuard, camera: &Camera) -> Result<()> {
     let _span = info_span!("check files and settings").entered();
     session.settings_without_effect().iter().for_each(say);
+    session.background_note(args.background).iter().for_each(say);
     let plan = session.plan().context("no plan after `prepare`")?;
-    background_note(plan, args.background).iter().for_each(say);
     if outputs::sorts_by_distance(plan) && !camera.projection.sees_behind() {
         let names = plan.outputs.iter().map(|output| output.name.as_str());
         outputs::distance_note(names, "--set key_of=depth").iter().for_each(say);

@@ -10,7 +10,6 @@ use super::outcome::{self, Outcome, Usage, claim_graph_files};
 use super::render::prepare_plan;
 use super::scenes::ScenesArgs;
 use super::stdout::Stdout;
-use crate::draw::animation::background_note;
 use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
 use crate::draw::film::{self, DrawOptions, Film, Motion};
 use crate::draw::orbit::{self, Orbit};
@@ -320,7 +319,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     cameras::tell_shape(&[first.projected(graph, session.scene())]);
     prepare_plan(&mut session, first)?;
-    let note = session.plan().and_then(|plan| background_note(plan, args.background));
+    let note = session.background_note(args.background);
     session.settings_without_effect().iter().chain(&note).for_each(say);
     claim_graph_files(&mut guard, &session.files())?;
 

@@ -57,13 +57,18 @@ pub struct Histogram {
 impl fmt::Display for Values {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match (self.min, self.max) {
-            (Some(min), Some(max)) => write!(f, "{min} to {max}")?,
+            (Some(min), Some(max)) => write!(f, "{} to {}", shown(min), shown(max))?,
             _ => f.write_str("no finite value")?,
         }
         let counts = [(self.zeros, "zeros"), (self.nan, "NaN"), (self.infinite, "infinite")];
         let mut counts = counts.into_iter().filter(|(count, _)| *count > 0);
         counts.try_for_each(|(count, what)| write!(f, ", {} {what}", grouped(count)))
     }
+}
+
+/// Formats the value of a word: a fraction with the digits of an f32, not of an f64.
+fn shown(value: f64) -> String {
+    if value.fract() == 0.0 { value.to_string() } else { (value as f32).to_string() }
 }
 
 impl Words {
@@ -196,6 +201,9 @@ mod tests {
         let found = words.values(1, 2, ReadAs::Uint);
         assert_eq!(found, Values { min: Some(9.0), max: Some(9.0), zeros: 0, nan: 0, infinite: 0 });
         assert_eq!(Words::Float(vec![f32::NAN]).values(0, 1, ReadAs::Uint).min, None);
+        let text = |words: Words| words.values(0, 1, ReadAs::Uint).to_string();
+        assert_eq!(text(Words::Float(vec![0.1, 0.7, f32::NAN])), "0.1 to 0.7, 1 NaN");
+        assert_eq!(text(Words::Uint(vec![0, u32::MAX])), "0 to 4294967295, 1 zeros");
     }
 
     #[test]

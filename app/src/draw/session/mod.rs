@@ -10,6 +10,7 @@
 //! frame of the same camera, or of the next one in flight. The larger capacity is kept for pictures of all sizes,
 //! unless the default for another size is larger, until [`Session::set_graph`] or [`Session::set_scene`].
 
+use crate::draw::animation::background_note;
 use crate::draw::backend::Backend;
 use crate::draw::capacity::Capacities;
 use crate::draw::facts::{self, SceneFacts};
@@ -475,6 +476,12 @@ impl Session {
         });
         let new = found.chain(mesh).filter(|(name, _)| self.told_settings.insert(name.clone()));
         new.map(|(_, text)| format!("{}: {text}", self.pipeline)).collect()
+    }
+
+    /// Returns a note for a background that the current plan ignores, once per session; see [`background_note`].
+    pub fn background_note(&mut self, background: [f32; 3]) -> Option<String> {
+        let (plan, _) = self.loaded.as_ref()?;
+        background_note(plan, background).filter(|_| self.told_settings.insert("--background".to_owned()))
     }
 }
 
