@@ -246,7 +246,9 @@ impl<'a> Lowering<'a> {
         let mut seen = BTreeMap::new();
         for (name, value) in &defines {
             // The place of an exposed parameter is in the included graph, which reports it.
-            if let Some(place) = declarations_of(name, opened, &params).first().filter(|_| is_macro(name)) {
+            if is_macro(name)
+                && let Some(place) = declarations_of(name, opened, &params).first()
+            {
                 let message = format!("`{name}` cannot name a constant of shaders");
                 let error = Diagnostic::new(message, *place, "GLSL reserves this macro");
                 self.errors.push(error.with_help(RENAME));

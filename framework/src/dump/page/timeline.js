@@ -264,7 +264,7 @@ class Timeline {
     const before = column.pass ? `before ${first.before.name}` : "between prologue and first frame";
     const words = knob.merged
       ? `${knob.barriers.length} barriers of the other iterations`
-      : `barrier ${first.id}, ${image ? `layout of ${first.image.image}` : "on all memory"}, ${before}, ${first.dependencies.length} dependencies`;
+      : `barrier ${first.id}, ${image ? `layout of ${first.image.image}` : "on all memory"}, ${before}, ${first.dependencies.length} reasons`;
     const shape = image
       ? s("rect", { class: "knob", x: knob.x - 8.5, y: y - 8.5, width: 17, height: 17, rx: 2 })
       : s("circle", { class: "knob", cx: knob.x, cy: y, r: 8.8 });
