@@ -220,7 +220,8 @@ fn an_exact_picture_larger_than_the_memory_is_refused_with_its_size() {
     let output = command.output().expect("it runs");
     let errors = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{errors}");
-    assert!(errors.contains("memory available, found 8192 x 8192 pixels, which need"), "{errors}");
+    let size = "memory available, found 8192 x 8192 pixels and ";
+    assert!(errors.contains(size) && errors.contains(" visible splats, which need"), "{errors}");
     assert!(!place.at("a.png").exists());
 }
 
