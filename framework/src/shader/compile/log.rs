@@ -232,8 +232,8 @@ impl Entry<'_> {
         help.into_iter().fold(diagnostic, Diagnostic::with_help)
     }
 
-    /// Returns the error for a constant of the graph with a fraction in an `#if`; `None` for all other errors. `line` is
-    /// the place of the directive in `text`.
+    /// Returns the error for a constant of the graph with a fraction in an `#if`; `None` for all other errors. `line`
+    /// is the place of the directive in `text`.
     fn float_in_condition(
         &self,
         request: &ShaderRequest,
