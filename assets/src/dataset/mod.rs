@@ -27,6 +27,7 @@ use crate::camera::Camera;
 use crate::file;
 use crate::gltf;
 use crate::input::{OpenFile, Source};
+use std::collections::HashSet;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
@@ -167,7 +168,7 @@ impl Dataset {
 
     /// Reads the dataset of `path`, or a selection of its views: `path#name` is one view (a camera's `img_name`, or its
     /// photograph's name), `path#2` is the view with that index (from 0, unless a camera has that name), and
-    /// `path#front/*` are the views whose names begin with `front/`.
+    /// `path#front/*` are the views whose names begin with `front/`; their test views are those of the whole dataset.
     ///
     /// # Errors
     /// The errors of [`Dataset::load`], the dataset is empty, or there is no such camera.
@@ -186,6 +187,10 @@ impl Dataset {
         if let Some(start) = wanted.strip_suffix('*')
             && dataset.views.iter().any(|view| begins(view, start))
         {
+            // A split is one of the whole dataset: a part has no other test views.
+            let tests: HashSet<String> =
+                dataset.test_views().iter().map(|view| view.photograph.clone()).collect();
+            dataset.views.iter_mut().for_each(|view| view.test = Some(tests.contains(&view.photograph)));
             dataset.views.retain(|view| begins(view, start));
             return Ok(dataset);
         }

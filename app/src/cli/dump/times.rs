@@ -1,5 +1,6 @@
 //! Reads GPU times for a dump from the statistics of `splatgraph render --json`.
 
+use crate::cli::cameras::MAX_SIDE;
 use crate::draw::stats::{json, median};
 use crate::io::named_file;
 use anyhow::{Context, Result, bail};
@@ -88,7 +89,8 @@ fn parse(text: &[u8]) -> Result<Times> {
         bail!("expected one graph, found {pipeline} and {}", other.pipeline);
     }
     let size = (first.width, first.height);
-    let same = size != (0, 0) && cameras.iter().all(|camera| (camera.width, camera.height) == size);
+    let is_size = size.0.min(size.1) > 0 && size.0.max(size.1) <= MAX_SIDE;
+    let same = is_size && cameras.iter().all(|camera| (camera.width, camera.height) == size);
     let (device, parameters) = (first.device.clone(), first.parameters.clone());
     let frame_ms = median(cameras.iter().filter_map(|camera| camera.gpu_ms).collect());
     let mut found: BTreeMap<String, Vec<f64>> = BTreeMap::new();

@@ -106,6 +106,9 @@ fn a_camera_is_selected_by_name_or_number() {
         [ids("#front/*"), ids("#b*"), ids("#*"), ids("#1")],
         [vec![0, 2], vec![1], vec![0, 1, 2], vec![1]]
     );
+    // Of the three, back/0000 is the test view.
+    let front = Dataset::select(&format!("{}#front/*", path.display()), CameraOptions::default()).unwrap();
+    assert!(front.test_views().is_empty());
     says(
         select("#0001").unwrap_err(),
         "no camera `0001`: it has 3, numbered from 0 and named front/0001, back/0000",
