@@ -178,7 +178,7 @@ fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, Strin
 
 /// Measures settings in every view. `exact_ms` caches the exact settings' milliseconds of each view.
 ///
-/// `None` for a setting that draws from the previous frame: still views hide its error.
+/// `None` for a setting that draws from the previous frame: the second frame of a still view does not show its error.
 fn measured(
     session: &mut Session,
     exact: &mut Session,
