@@ -1,8 +1,8 @@
-//! Provides readers with access to the bytes, memory limits, parallel conversion, and the final checks of a load.
+//! Gives format readers the file's bytes, memory limits, parallel conversion and the final checks of a load.
 //!
 //! The file is not mapped into memory: on Unix, a process that reads a mapped file after its truncation is killed by a
 //! signal. Here truncation is a read error. [`OpenFile`] records the file's length and modification time before the
-//! first read, and checks at the end that they are unchanged.
+//! first read. Readers of scenes ask it after the last read whether they are unchanged.
 
 use crate::error::{SceneError, wrong};
 use crate::file;

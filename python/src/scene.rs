@@ -227,7 +227,9 @@ impl Scene {
     }
 }
 
-/// Fails if a finite value is wrong: the argument may hold the values of files, which are not activated.
+/// Rejects an array with a finite value that `is_wrong`. Splats with other values are dropped later.
+///
+/// `hint` names the usual cause: the logits or logarithms that files store.
 fn check(array: &Array<f32>, is_wrong: impl Fn(f32) -> bool, expected: &str, hint: &str) -> PyResult<()> {
     let wrong = |value: &&f32| value.is_finite() && is_wrong(**value);
     let Some(first) = array.values.iter().find(wrong) else { return Ok(()) };

@@ -1,4 +1,4 @@
-//! Random draws for visits to the viewer.
+//! Adds random choices to [`Random`], for the fuzz and soak tests of the viewer.
 
 use crate::numbers::Random;
 

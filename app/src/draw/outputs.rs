@@ -200,7 +200,7 @@ pub fn check_format(name: &str, format: Format) -> Result<(), String> {
 }
 
 impl Output {
-    /// Writes the values in the format of the extension: `.npy` as an array, `.exr` as floats, `.png` as a picture.
+    /// Writes the values in the format of the extension: `.npy` and `.exr` keep floats or integers, `.png` is a picture.
     ///
     /// In a PNG, a normal is normalised and becomes the colour (n + 1) / 2, or black if it is zero. [`RGBA`] is written
     /// with straight alpha in a PNG, and premultiplied in the other formats.

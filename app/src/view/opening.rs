@@ -128,7 +128,10 @@ impl Opening {
         self.scenes[index(id)].reader.cancel();
     }
 
-    /// Reads a scene for a viewport, and the cameras beside it, if any; cancels the viewport's previous request.
+    /// Starts to read a scene for a viewport, with the cameras beside it, if any.
+    ///
+    /// Cancels the viewport's previous request and drops its result. [`Opening::take`] returns the scene or the file's
+    /// error.
     ///
     /// # Errors
     /// The system cannot start a thread. The previous request is cancelled even then.
@@ -148,7 +151,7 @@ impl Opening {
         })
     }
 
-    /// Reads cameras; cancels the previous request for the same role.
+    /// Starts to read cameras, which [`Opening::take`] returns. Cancels the previous request for the same role.
     ///
     /// # Errors
     /// The system cannot start a thread. The previous request is cancelled even then.

@@ -1,4 +1,4 @@
-//! Names the parts of a scene that was joined from a list of scenes.
+//! Defines the parts of a scene that was joined from a list: the file and the splats of each.
 
 use std::ops::Range;
 use std::path::PathBuf;

@@ -122,8 +122,9 @@ pub fn image_usage(usage: Usage) -> TextureUsage {
 /// Threadgroup size in x and y of the kernel that clears an image.
 pub const CLEAR_THREADS: [u32; 2] = [16, 16];
 
-/// Returns the number of threadgroups that fill `words` words with 256 threads each, at most 65,535: with fewer
-/// threads than words, the kernel loops.
+/// Returns the number of threadgroups of 256 threads that fill `words` 32-bit words.
+///
+/// At most 65,535: the kernel loops over the rest.
 pub fn fill_groups(words: u64) -> u32 {
     const MAX_GROUPS: u64 = 65535;
     words.div_ceil(256).min(MAX_GROUPS) as u32

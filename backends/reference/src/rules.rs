@@ -10,8 +10,8 @@ use std::str::FromStr;
 /// All rules in which renderers of a scene can differ. Lengths on the image are in pixels.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rules {
-    /// Near plane: splats at this view depth or nearer are culled, in world units. Cameras that see behind themselves
-    /// cull by the distance instead, if it is the sort key.
+    /// Near plane, in world units: splats and mesh at this view depth or nearer are not drawn. Cameras that see behind
+    /// themselves cull splats by the distance from the camera instead, if it is the sort key.
     pub near: f64,
     /// Offset added to the pixel position of every centre, in x and y. Pixels are sampled at integer positions.
     pub pixel_offset: f64,

@@ -46,8 +46,8 @@ pub(crate) struct Resources<G: Gpu> {
 impl<G: Gpu> Resources<G> {
     /// Creates the resources of `plan` that no other plan provides and that an executed pass uses.
     ///
-    /// `taken` are results of other plans, and `planes` are on the device already. Missing planes are created, added to
-    /// `planes`, and returned. The caller uploads their data.
+    /// `taken` are results of other plans. `planes` are the planes on the device, keyed by the scene's `identity`.
+    /// Missing planes are created and added to `planes`; their keys are returned, and the caller uploads their data.
     pub fn create(
         gpu: &Arc<G>,
         plan: &Plan,

@@ -4,8 +4,8 @@
 //! format. Colours are already display-encoded and are not converted.
 //!
 //! The semaphore for an acquired image belongs to the frame's slot: a slot is reused only when its frame, blit
-//! included, has completed. The semaphore for a completed blit belongs to the *image*: the window system waits for it,
-//! and has certainly finished with it only when it returns the image.
+//! included, has completed. The semaphore for a completed blit belongs to the *image*: presentation waits for the
+//! semaphore, which may be reused only once the image is acquired again.
 
 use crate::encoder::pipeline_barrier;
 use crate::gpu::{Owned, VulkanGpu};

@@ -252,7 +252,7 @@ pub fn barrier_line(b: &DumpBarrier) -> String {
     format!("barrier {} {}: {}", b.id, subject(b), b.masks)
 }
 
-/// Formats a barrier's scope: `on all memory`, or `on image color, General -> ColorTarget`.
+/// Formats what a barrier applies to: `on all memory`, or `on image color, General -> ColorTarget`.
 pub(super) fn subject(b: &DumpBarrier) -> String {
     match &b.image {
         Some(t) => format!("on image {}, {:?} -> {:?}", t.image, t.old, t.new),

@@ -190,7 +190,7 @@ impl Session {
         self.beside_with(self.scene.clone(), pipeline, set)
     }
 
-    /// Opens another session on the same device, with another scene.
+    /// Opens another session on the same device, with its own scene, graph and parameters.
     ///
     /// # Errors
     /// The device cannot open another context, for example because its memory is full.

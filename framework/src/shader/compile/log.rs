@@ -1,9 +1,9 @@
 //! Converts glslang's log to diagnostics.
 //!
-//! A line of the log is `ERROR: 2:14:9: 'keys' : undeclared identifier`: the number of the file, line, column, the
-//! token, and the message. The line is the file's, but the column is not: glslang parses the output of its
-//! preprocessor, with macros expanded and different spaces. This module therefore looks for the token in the line. If
-//! it occurs more than once, the column decides: [`printed_columns`] computes where the preprocessor puts each token.
+//! A line of the log is `ERROR: 2:14:9: 'keys' : undeclared identifier`: file number, line, column, token and message.
+//! The line is the file's. So is the column of an error of the preprocessor. A parser error has a column in the
+//! preprocessed text, where macros are expanded and spaces differ: this module looks for the token in the line and
+//! takes the nearest to that column, for which [`printed_columns`] computes where the preprocessor puts each token.
 
 use std::ops::Range;
 
@@ -19,7 +19,7 @@ pub(super) const MAX_DIAGNOSTICS: usize = 10;
 /// Message of glslang for an overflow of its parser's stack.
 const PARSER_FULL: &str = "memory exhausted";
 
-/// Returns the diagnostics of a log, at least one.
+/// Converts a log to 1 to [`MAX_DIAGNOSTICS`] diagnostics. Keeps only the first error of each source line.
 pub(super) fn diagnose(
     files: &SourceMap,
     request: &ShaderRequest,
