@@ -46,8 +46,11 @@ fn plan(shader: &str, buffers: usize) -> Plan {
 /// Returns a shader that reads `buffers` buffers with descending bindings, and declares one that it does not use. The
 /// text `size` follows each read.
 fn shader(buffers: usize, size: &str) -> String {
-    let blocks: String = (0..buffers)
-        .map(|i| format!("layout(binding = {}, std430) buffer B{i} {{ uint b{i}[]; }};\n", 60 - i))
+    // 31 is reserved for live parameters.
+    let bindings = (0..=60).rev().filter(|binding| *binding != 31).take(buffers);
+    let blocks: String = bindings
+        .enumerate()
+        .map(|(i, binding)| format!("layout(binding = {binding}, std430) buffer B{i} {{ uint b{i}[]; }};\n"))
         .collect();
     let sum: String = (0..buffers).map(|i| format!(" + b{i}[at]{size}")).collect();
     format!(
