@@ -12,7 +12,7 @@ use crate::io::load::LoadOptions;
 use crate::io::output::{OutputGuard, say};
 use crate::io::scene_file;
 use anyhow::{Error, Result};
-use splatgraph_api::{Device, DeviceInfo};
+use splatgraph_api::DeviceInfo;
 use splatgraph_assets::{Camera, Content, Scene, SceneHeader, Similarity};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -75,8 +75,7 @@ impl ScenesArgs {
         size: (u32, u32),
     ) -> Error {
         let Some(path) = self.scene.as_deref().filter(|_| self.more.is_empty()) else { return error.into() };
-        let device = session.device();
-        let target = Target { heap: device.heap(), ..Target::of(device.info()) }.limited(limit);
+        let target = Target::now(session.device(), limit);
         let (graph, set) = session.graph();
         let (scene, catalog) = (SceneFacts::of(session.scene()), &facts::catalog(session.scene()));
         error.with_fit(&Wanted { graph, set, scene, catalog, size }, &target, path, &self.load)

@@ -306,7 +306,7 @@ fn storage(args: &Args, scene: &Scene, path: &Path) -> Result<Option<(String, St
     let facts = facts::facts(&scene, &device.info().facts, size);
     let mut planner = Planner::default();
     let found = Choice::within(limit, &device.heap(), set, |set| planner.plan(graph, set, &facts, catalog));
-    let target = Target { heap: device.heap(), ..Target::of(device.info()) }.limited(limit);
+    let target = Target::now(&device, limit);
     let wanted = Wanted { graph, set, scene, catalog, size };
     if matches!(found, Ok(None) | Err(StorageError::Plan(_))) {
         fit::check(&wanted, &target, path, &args.load)?;

@@ -11,7 +11,7 @@ use crate::draw::planner::{GraphErrors, Planner};
 use crate::io::load::LoadOptions;
 use crate::io::output::shell_word;
 use serde::Serialize;
-use splatgraph_api::{DeviceInfo, Heap};
+use splatgraph_api::{Device, DeviceInfo, Heap};
 use splatgraph_assets::memory::display;
 use splatgraph_assets::{SceneHeader, grouped};
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Shape, Source, Usage};
@@ -75,6 +75,11 @@ impl Target {
     /// Describes an opened device: its name, facts and memory.
     pub fn of(device: &DeviceInfo) -> Target {
         Target { heap: device.heap, ..Target::new(&device.name, device.facts) }
+    }
+
+    /// Describes an opened device with the memory that is free now, limited to `limit` bytes.
+    pub fn now(device: &impl Device, limit: Option<u64>) -> Target {
+        Target { heap: device.heap(), ..Target::of(device.info()) }.limited(limit)
     }
 }
 
