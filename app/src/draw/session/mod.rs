@@ -485,7 +485,7 @@ impl Session {
     }
 }
 
-/// What a plan takes over from the current one.
+/// Names the state that a plan takes over from the current one.
 #[derive(Clone, Copy)]
 enum Former {
     Nothing,
