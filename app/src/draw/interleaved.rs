@@ -72,10 +72,24 @@ pub fn timed_passes(plan: &Plan, frame: &Timed) -> Vec<PassId> {
     plan.frame.iter().copied().filter(ran).collect()
 }
 
-/// Lists the phases of the passes without duplicates, in the order of the passes.
-pub fn phases<'a>(plan: &'a Plan, passes: &[PassId]) -> Vec<&'a str> {
+/// Lists the phases of passes without duplicates, in the order of the passes.
+fn phases<'a>(plan: &'a Plan, passes: &[PassId]) -> Vec<&'a str> {
     let names: IndexSet<&str> = passes.iter().map(|id| plan.pass(*id).phase.as_str()).collect();
     names.into_iter().collect()
+}
+
+/// Computes the time of each phase of `passes`, in order of execution. `profiled` are frames with timestamps of passes; a
+/// figure is `None` without timestamps.
+pub fn phase_figures<'a>(
+    plan: &'a Plan,
+    passes: &[PassId],
+    profiled: &Rounds,
+) -> Vec<(&'a str, Option<Figure>)> {
+    let figure = |name| {
+        let of = |id| plan.pass(id).phase == name && passes.contains(&id);
+        (name, Figure::of_frames(profiled, |frame| frame.passes_ms(of)))
+    };
+    phases(plan, passes).into_iter().map(figure).collect()
 }
 
 /// Computes the median GPU time of frames, in milliseconds; `None` without timestamps or without frames.
@@ -136,6 +150,22 @@ pub fn rounds(
         }
     }
     Ok(all)
+}
+
+/// Maximum number of frames with timestamps of passes beside the frames that are measured as a whole.
+pub const PROFILED: u32 = 3;
+
+/// Draws interleaved frames with timestamps of passes, for the times of phases: one per round, at most [`PROFILED`].
+///
+/// # Errors
+/// See [`rounds()`].
+pub fn profile(
+    sessions: &mut [&mut Session],
+    camera: &Camera,
+    rounds: u32,
+) -> Result<Vec<Rounds>, SessionError> {
+    let effort = Effort { rounds: rounds.min(PROFILED), frames: 1 };
+    self::rounds(sessions, camera, effort, Timestamps::Passes)
 }
 
 /// Duration of a warm-up: an idle device may run at a lower clock.

@@ -1,22 +1,26 @@
 //! Collects the results of a camera's measured frames, and the times of the prologue.
 
+use crate::draw::interleaved::PROFILED;
 use crate::draw::stats::CameraStats;
 use splatgraph_api::{DeviceInfo, FrameResult, Pixels};
 use splatgraph_framework::ir::Run;
 use splatgraph_framework::plan::Plan;
+use std::collections::VecDeque;
 use std::time::Instant;
 
 #[derive(Default)]
 pub struct Kept {
     /// Result of the frame that ran the prologue, if that frame is not measured.
     once: Option<FrameResult>,
+    /// The last frames of the warm-up, for the times of passes.
+    profiled: VecDeque<FrameResult>,
     counted: Vec<FrameResult>,
     /// Completion times of the measured frames.
     done: Vec<Instant>,
 }
 
 impl Kept {
-    /// Adds the next frame. If the frame is not measured, keeps only the times of passes that run once.
+    /// Adds the next frame. If the frame is not measured, keeps only the times of its passes.
     pub fn add(&mut self, mut result: FrameResult, plan: &Plan, counts: bool) {
         if counts {
             // Only the last frame's statistics are reported.
@@ -27,10 +31,15 @@ impl Kept {
             self.done.push(Instant::now());
             return;
         }
-        result.pass_ms.retain(|(pass, _)| plan.pass(*pass).run == Run::Once);
-        if !result.pass_ms.is_empty() {
-            self.once = Some(FrameResult { total_ms: None, stats: Vec::new(), ..result });
+        result = FrameResult { total_ms: None, stats: Vec::new(), ..result };
+        let (once, each) = result.pass_ms.iter().partition(|(pass, _)| plan.pass(*pass).run == Run::Once);
+        if !Vec::is_empty(&once) {
+            self.once = Some(FrameResult { pass_ms: once, ..result.clone() });
         }
+        if self.profiled.len() == PROFILED as usize {
+            self.profiled.pop_front();
+        }
+        self.profiled.push_back(FrameResult { pass_ms: each, ..result });
     }
 
     pub fn output(&mut self) -> Option<Pixels> {
@@ -47,7 +56,13 @@ impl Kept {
     ) -> CameraStats {
         let (busy, frames) = (self.busy(), self.counted.len());
         let record_ms: Vec<f64> = self.counted.iter().map(|frame| frame.record_ms).collect();
-        let all: Vec<FrameResult> = self.once.into_iter().chain(self.counted).collect();
+        let mut counted = self.counted;
+        // Timestamps of passes take time: frames with them count as whole frames only if there are no others.
+        let is_profiled = |frame: &FrameResult| frame.pass_ms.iter().any(|(_, ms)| ms.is_some());
+        if !counted.iter().all(is_profiled) {
+            counted.iter_mut().filter(|frame| is_profiled(frame)).for_each(|frame| frame.total_ms = None);
+        }
+        let all: Vec<FrameResult> = self.once.into_iter().chain(self.profiled).chain(counted).collect();
         let stats = CameraStats::new(camera, plan, device, loaded, &all, memory);
         let record_ms = crate::draw::stats::median(record_ms).unwrap_or(stats.record_ms);
         CameraStats { busy, frames, record_ms, ..stats }
@@ -76,7 +91,7 @@ mod tests {
     use std::time::Duration;
 
     #[test]
-    fn of_a_warm_up_only_the_prologues_times_are_kept_and_a_device_that_rests_is_told() {
+    fn passes_are_timed_in_the_warm_up_and_a_device_that_rests_is_told() {
         let plan = testing::plan("splat", &[], 8);
         let id = |name: &str| {
             PassId(plan.passes.iter().position(|pass| pass.name == name).expect("a pass") as u32)
@@ -93,8 +108,10 @@ mod tests {
         };
         let mut kept = Kept::default();
         kept.add(frame(90.0, true), &plan, false);
-        kept.add(frame(80.0, false), &plan, false);
-        (0..4).for_each(|_| kept.add(frame(1.0, false), &plan, true));
+        [80.0, 2.0, 2.5, 2.25].map(|ms| kept.add(frame(ms, false), &plan, false));
+        // Measured frames have no timestamps of passes.
+        let whole = |ms| FrameResult { pass_ms: vec![(id("project"), None)], ..frame(ms, false) };
+        (0..4).for_each(|_| kept.add(whole(1.0), &plan, true));
         let begun = Instant::now();
         kept.done = (0..4).map(|at| begun + Duration::from_millis(4 * at)).collect();
         let stats = kept.stats(
@@ -105,12 +122,18 @@ mod tests {
             Vec::new(),
         );
         let times: Vec<_> = stats.passes.iter().map(|pass| (pass.name.as_str(), pass.gpu_ms)).collect();
-        assert_eq!(times, [("scene.covariance", Some(7.0)), ("project", Some(1.0))]);
+        assert_eq!(times, [("scene.covariance", Some(7.0)), ("project", Some(2.25))]);
         assert_eq!(
             (stats.frames, stats.gpu_ms, stats.record_ms, stats.busy),
             (4, Some(1.0), 1.0, Some(0.25))
         );
         assert!(stats.line().contains("on device, which was idle for 75 % of the time"), "{}", stats.line());
+        // Without a warm-up, the first frame and the last ones have timestamps of passes.
+        let mut kept = Kept::default();
+        [frame(9.0, true), whole(1.0), whole(1.0), frame(3.0, false)]
+            .map(|frame| kept.add(frame, &plan, true));
+        let stats = kept.stats(("a", (32, 24)), &plan, &info(), 3, Vec::new());
+        assert_eq!((stats.frames, stats.gpu_ms, stats.passes[1].gpu_ms), (4, Some(1.0), Some(6.0)));
         let mut kept = Kept::default();
         kept.add(frame(5.0, true), &plan, true);
         let stats = kept.stats(("a", (32, 24)), &plan, &info(), 3, Vec::new());

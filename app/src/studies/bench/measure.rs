@@ -251,11 +251,9 @@ fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> F
         let figure = Figure::of_frames(rounds, |frame| frame.passes_ms(|other| other == id));
         Part::new(pass.name.clone(), Some(pass.phase.clone()), figure, bytes::of_pass(plan, pass), copy)
     };
-    let phase = |name: &str| {
-        let of = |id: PassId| plan.pass(id).phase == name && ids.contains(&id);
-        let bytes = ids.iter().filter(|id| of(**id)).map(|id| bytes::of_pass(plan, plan.pass(*id))).sum();
-        let figure = Figure::of_frames(rounds, |frame| frame.passes_ms(of));
-        Part::new(name.to_owned(), None, figure, bytes, copy)
+    let phase = |(name, figure): (&str, Option<Figure>)| {
+        let own = ids.iter().map(|id| plan.pass(*id)).filter(|pass| pass.phase == name);
+        Part::new(name.to_owned(), None, figure, own.map(|pass| bytes::of_pass(plan, pass)).sum(), copy)
     };
     Figures {
         gpu_ms: over_whole(|frame| frame.result.total_ms),
@@ -265,7 +263,7 @@ fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> F
         submit_ms: over_whole(|frame| Some(frame.submit_ms)),
         record_ms: over_whole(|frame| Some(frame.result.record_ms)),
         wall_ms: over_whole(|frame| Some(frame.wall_ms)),
-        phases: interleaved::phases(plan, &ids).into_iter().map(phase).collect(),
+        phases: interleaved::phase_figures(plan, &ids, rounds).into_iter().map(phase).collect(),
         passes: ids.iter().copied().map(pass).collect(),
     }
 }

@@ -1,13 +1,13 @@
 //! Measures the time of a frame as a share of a baseline's time. Frames of both are drawn interleaved.
 
 use super::noise::{self, Share};
-use crate::draw::interleaved::{self, Effort, Figure, Rounds, Timed, Timestamps, WARM_UP};
+use crate::draw::interleaved::{self, Effort, Figure, Rounds, Timestamps, WARM_UP};
 use crate::draw::session::{Session, SessionError};
 use crate::draw::stats::median;
+use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use splatgraph_assets::Camera;
 use splatgraph_framework::plan::Plan;
-use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 /// The time of a frame, relative to the exact settings.
@@ -28,10 +28,11 @@ pub struct Time {
     pub rounds: u32,
     /// Share of the host's frame time that the device spends drawing, at most 1. It idles for the rest.
     pub busy: f64,
-    /// Milliseconds per phase: the median of the rounds' medians, scaled like `gpu_ms` to the clock of `exact_ms`.
-    pub phases: BTreeMap<String, f64>,
-    /// Difference between a phase's largest and smallest time over the rounds, in milliseconds; `None` with one round.
-    pub phase_spreads: BTreeMap<String, Option<f64>>,
+    /// Milliseconds per phase, in order of execution: the median of the frames with timestamps of passes, scaled like
+    /// `gpu_ms` to the clock of `exact_ms`. These timestamps take time, so the phases may add up to more than `gpu_ms`.
+    pub phases: IndexMap<String, f64>,
+    /// Difference between a phase's largest and smallest time, in milliseconds; `None` with one frame.
+    pub phase_spreads: IndexMap<String, Option<f64>>,
 }
 
 /// The session with which all others are interleaved.
@@ -89,7 +90,7 @@ pub fn time_in_turns(
     let (mut of_exact, mut own) = (Rounds::new(), Rounds::new());
     for _ in 0..effort.rounds {
         let sessions = &mut [&mut *exact.session, &mut *session];
-        let round = interleaved::rounds(sessions, camera, one, Timestamps::Passes)?;
+        let round = interleaved::rounds(sessions, camera, one, Timestamps::Frame)?;
         for (rounds, round) in [&mut of_exact, &mut own].into_iter().zip(round) {
             rounds.extend(round);
         }
@@ -103,8 +104,10 @@ pub fn time_in_turns(
             break;
         }
     }
+    let sessions = &mut [&mut *exact.session, &mut *session];
+    let profiled = interleaved::profile(sessions, camera, own.len() as u32)?.pop().unwrap_or_default();
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
-    Ok(time(plan, &own, &of_exact, exact.ms))
+    Ok(time(plan, &own, &profiled, (&of_exact, exact.ms)))
 }
 
 /// Returns true if `effort` has at least [`noise::MIN_TURNS`] frames, enough for a range.
@@ -125,15 +128,16 @@ pub fn time_alone(
     if effort.rounds > 1 {
         interleaved::warm_up(&mut [&mut *session], camera, WARM_UP)?;
     }
-    let rounds = interleaved::rounds(&mut [&mut *session], camera, effort, Timestamps::Passes)?;
+    let rounds = interleaved::rounds(&mut [&mut *session], camera, effort, Timestamps::Frame)?;
+    let profiled = interleaved::profile(&mut [&mut *session], camera, effort.rounds)?;
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
-    Ok(rounds.first().and_then(|rounds| alone(plan, rounds)))
+    Ok(rounds.first().zip(profiled.first()).and_then(|(rounds, profiled)| alone(plan, rounds, profiled)))
 }
 
 /// Summarises the rounds as shares of themselves. All shares are 1, so their spread is 0: the spread of the rounds'
 /// times replaces it, and the share has no range.
-fn alone(plan: &Plan, rounds: &Rounds) -> Option<Time> {
-    let time = time(plan, rounds, rounds, None)?;
+fn alone(plan: &Plan, rounds: &Rounds, profiled: &Rounds) -> Option<Time> {
+    let time = time(plan, rounds, profiled, (rounds, None))?;
     Some(Time { spread_ms: gpu_ms(rounds)?.spread, share: Share { median: 1.0, range: None }, ..time })
 }
 
@@ -147,7 +151,13 @@ fn turns(own: &Rounds, exact: &Rounds) -> Option<Vec<f64>> {
     turns.map(|(own, exact)| Some(own.result.total_ms? / exact.result.total_ms?)).collect()
 }
 
-fn time(plan: &Plan, own: &Rounds, exact: &Rounds, exact_ms: Option<f64>) -> Option<Time> {
+/// Summarises rounds, whose frames have no timestamps of passes, and `profiled` frames, which have.
+fn time(
+    plan: &Plan,
+    own: &Rounds,
+    profiled: &Rounds,
+    (exact, exact_ms): (&Rounds, Option<f64>),
+) -> Option<Time> {
     let share = Share::of(&turns(own, exact)?)?;
     let of_round = |(own, exact): (&Vec<_>, &Vec<_>)| {
         vec![interleaved::gpu_ms(own).zip(interleaved::gpu_ms(exact)).map(|(own, exact)| own / exact)]
@@ -157,14 +167,9 @@ fn time(plan: &Plan, own: &Rounds, exact: &Rounds, exact_ms: Option<f64>) -> Opt
     let (own_ms, gpu_ms) = (gpu_ms(own)?.median, share.median * exact_ms);
     // Converts a phase's times in these rounds to the clock speed of `exact_ms`.
     let scale = if own_ms > 0.0 { gpu_ms / own_ms } else { 1.0 };
-    let passes = interleaved::timed_passes(plan, own.first()?.first()?);
-    let figure = |phase: &str| {
-        let of_phase = |id| plan.pass(id).phase == phase && passes.contains(&id);
-        let ms = |frame: &Timed| Some(scale * frame.passes_ms(of_phase)?);
-        Some((phase.to_owned(), Figure::of_frames(own, ms)?))
-    };
-    let phases: Vec<(String, Figure)> =
-        interleaved::phases(plan, &passes).into_iter().filter_map(figure).collect();
+    let passes = interleaved::timed_passes(plan, profiled.first()?.first()?);
+    let figures = interleaved::phase_figures(plan, &passes, profiled);
+    let phases = || figures.iter().filter_map(|(name, figure)| Some(((*name).to_owned(), (*figure)?)));
     Some(Time {
         gpu_ms,
         spread_ms: spread.map(|spread| spread * exact_ms),
@@ -172,8 +177,8 @@ fn time(plan: &Plan, own: &Rounds, exact: &Rounds, exact_ms: Option<f64>) -> Opt
         exact_ms,
         rounds: own.len() as u32,
         busy: median(own.iter().map(|round| interleaved::busy(round)).collect::<Option<_>>()?)?,
-        phases: phases.iter().map(|(name, figure)| (name.clone(), figure.median)).collect(),
-        phase_spreads: phases.into_iter().map(|(name, figure)| (name, figure.spread)).collect(),
+        phases: phases().map(|(name, figure)| (name, scale * figure.median)).collect(),
+        phase_spreads: phases().map(|(name, figure)| (name, figure.spread.map(|ms| scale * ms))).collect(),
     })
 }
 
@@ -181,6 +186,7 @@ fn time(plan: &Plan, own: &Rounds, exact: &Rounds, exact_ms: Option<f64>) -> Opt
 mod tests {
     use super::*;
     use crate::draw::backend::Backend;
+    use crate::draw::interleaved::Timed;
     use splatgraph_api::FrameResult;
     use splatgraph_assets::synth;
     use splatgraph_null::{Call, Config, Journal, open};
@@ -201,7 +207,8 @@ mod tests {
         let round = |ms| vec![Timed { result: result(ms), submit_ms: 0.0, wall_ms: ms }];
         let (session, ..) = unsorted();
         let plan = session.plan().expect("it is prepared");
-        let found = alone(plan, &[3.0, 9.0, 4.0].map(round).into()).expect("timestamps");
+        let rounds = [3.0, 9.0, 4.0].map(round).into();
+        let found = alone(plan, &rounds, &rounds).expect("timestamps");
         assert_eq!((found.gpu_ms, found.spread_ms), (4.0, Some(6.0)));
         assert_eq!(found.share, Share { median: 1.0, range: None });
     }
@@ -229,14 +236,17 @@ mod tests {
         let (own, submits) = timed(None, effort);
         assert_eq!((own.rounds, own.share.range), (4, Some((own.share.median, own.share.median))));
         assert!(submits >= 2 * 2 + 8 * 2, "two turns of a warm-up at least, and eight turns: {submits}");
-        assert!(own.share.median < 1.0 && own.busy <= 1.0, "{own:?}");
+        // Each timestamp is one tick, so a frame takes one tick unless its passes have timestamps, too.
+        assert!(own.share.median == 1.0 && own.busy <= 1.0, "{own:?}");
+        assert!(own.phases.values().sum::<f64>() > own.gpu_ms, "per-pass timestamps take time: {own:?}");
         let (other, _) = timed(Some(100.0), effort);
         assert_eq!((other.share, other.exact_ms), (own.share, 100.0));
         assert!((other.gpu_ms - 100.0 * own.share.median).abs() < 1e-9, "{other:?}");
         let phase = |time: &Time| time.phases["draw"] / time.gpu_ms;
         assert!((phase(&other) - phase(&own)).abs() < 1e-9, "phases are of the same time: {own:?} {other:?}");
         let (glance, submits) = timed(None, Effort { rounds: 1, frames: 1 });
-        assert_eq!((glance.rounds, glance.share.range, glance.spread_ms, submits), (1, None, None, 2));
+        // A turn without timestamps of passes, and one with them.
+        assert_eq!((glance.rounds, glance.share.range, glance.spread_ms, submits), (1, None, None, 4));
         assert!(glance.phase_spreads.values().all(Option::is_none), "{glance:?}");
     }
 }
