@@ -142,8 +142,8 @@ pub(super) struct Work {
 /// Finds the pictures to compare, and chooses the files of the differences.
 ///
 /// # Errors
-/// One argument is a picture and the other a folder, a picture has no partner, `--diff` is no picture, or an output
-/// would overwrite a picture or another output.
+/// An argument does not exist, one is a picture and the other a folder, a picture has no partner, `--diff` is no
+/// picture, or an output would overwrite a picture or another output.
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     let (a, b) = (Pictures::of(&args.a)?, Pictures::of(&args.b)?);
     let (pairs, folders) = match (a, b) {

@@ -27,7 +27,7 @@ impl Pictures {
     /// Lists the pictures of a folder or an archive; any other path is a single picture.
     ///
     /// # Errors
-    /// The folder or the archive cannot be read, or two pictures have the same name without extension.
+    /// There is no such file, the folder or the archive cannot be read, or two pictures have the same name without extension.
     pub fn of(path: &Path) -> Result<Pictures> {
         if split_member(path).is_some() {
             return Ok(Pictures::One(path.to_owned()));
@@ -39,7 +39,7 @@ impl Pictures {
             });
             return Ok(Pictures::Many(named.collect()));
         }
-        if !path.is_dir() {
+        if !std::fs::metadata(path).with_context(|| path.display().to_string())?.is_dir() {
             return Ok(Pictures::One(path.to_owned()));
         }
         let mut pictures = BTreeMap::new();

@@ -194,6 +194,17 @@ fn clamped_differences_and_undeclared_encodings_are_counted() {
 }
 
 #[test]
+fn a_path_that_does_not_exist_is_named() {
+    let (_root, a, b) = folders(&[("x.npy", 0.5)], &[("x.npy", 0.5)]);
+    let missing = b.join("missing");
+    for (a, b) in [(&a, &missing), (&missing, &a), (&missing, &a.join("x.npy"))] {
+        let error = told(a, b, &[]).unwrap_err();
+        assert_eq!(error.to_string(), missing.display().to_string());
+        assert!(error.root_cause().is::<std::io::Error>(), "{error:#}");
+    }
+}
+
+#[test]
 fn pictures_without_a_partner_are_an_error_that_lists_them() {
     let (_root, a, b) = folders(&[("x.npy", 0.5), ("y.npy", 0.5)], &[("x.npy", 0.5), ("z.npy", 0.5)]);
     let message = compared(&a, &b, &[]).unwrap_err().to_string();

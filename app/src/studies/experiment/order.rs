@@ -152,6 +152,7 @@ fn four_ways(page: &mut Page, found: &Order) -> Result<(), StudyError> {
         &["way", "PSNR dB", "worst pixel", "wrong in the list", "wrong as blended", "pairs of splats"],
         &rows,
     );
+    page.text("`worst pixel` is the largest difference of a channel. Values are not clamped, unlike those of `PSNR dB`.");
     let share = |way: &Drawn| match way.wrong {
         Some(wrong) => format!("{:.0} % of them", 100.0 * wrong as f64 / way.pairs.max(1) as f64),
         None => "some of them".into(),
