@@ -20,7 +20,7 @@ fn of(found: &Value, name: &str, key: &str) -> f64 {
 fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
     let place = Place::new();
     synth::generate("demo", 3000, 0).expect("a scene").write_ply(place.at("scene.ply")).expect("written");
-    let graphs = "-p splat -p front_to_back -p unsorted -p stale_order";
+    let graphs = "-p splat,front_to_back -p unsorted -p stale_order";
     let bits = "--with key_bits=8 --with key_bits=12 --with key_bits=32";
     let found = popping(&place, &format!("--frames 4 --step 2 --size 96x64 -o out {graphs} {bits}"));
     let pop = |name: &str| of(&found, name, "pop");
@@ -113,6 +113,12 @@ fn mistakes_on_a_path_are_told_before_anything_is_drawn() {
                 "-p splat -p fisheye",
                 2,
                 "expected graphs with one projection, found splat (pinhole) and fisheye (fisheye)",
+            ),
+            ("-p splat,unsorted,splat", 2, "--pipeline: expected each value once, found `splat` twice"),
+            (
+                "--with key_bits=8 --with key_bits=8",
+                2,
+                "--with: expected each value once, found `key_bits=8` twice",
             ),
             ("--with key_bits", 2, "NAME=VALUE"),
             ("--with key_bitz=8", 1, "key_bitz"),

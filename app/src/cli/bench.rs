@@ -4,7 +4,7 @@ use super::cameras;
 use super::console::Console;
 use super::loading;
 use super::options::{self, BackendArgs, DEFAULT_PIPELINE, EffortArgs};
-use super::outcome::{self, Outcome, Usage, claim_graph_files};
+use super::outcome::{self, Outcome, Usage, claim_graph_files, once};
 use crate::draw::backend::Backend;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::{Planner, without_effect};
@@ -12,7 +12,7 @@ use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, OutputGuard, is_standard_output, say};
 use crate::io::report::plot::Plot;
-use crate::studies::bench::report::{Origin, Report, size_text};
+use crate::studies::bench::report::{Origin, Report, scene_names, size_text};
 use crate::studies::bench::{Wanted, copy_limit, plot, sort, study, table};
 use crate::studies::study::{Setting, Subject};
 use anyhow::{Result, bail};
@@ -72,7 +72,7 @@ pub struct Args {
     /// several scenes, give one for all, or one for each in the same order
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Vec<String>,
-    /// Print all numbers as JSON, or write them to FILE after each size and number of splats
+    /// Print all numbers as JSON, or write them to FILE after each size and number of splats or pairs
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     json: Option<PathBuf>,
     /// Folder for bench.csv, and for curves over sizes or numbers of splats as .svg and .png
@@ -138,7 +138,8 @@ fn measure_frames(args: &Args, device: &Backend, origin: Origin, work: &mut Work
 fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> {
     let usual = sort::usual_pairs();
     let pairs = if args.pairs.is_empty() { &usual } else { &args.pairs };
-    let report = sort::measure(device, pairs, origin, &mut Console::default())?;
+    let mut kept = |report: &sort::Report| write_json(args, report, false);
+    let report = sort::measure(device, pairs, origin, &mut kept, &mut Console::default())?;
     let plot = report.plot().map(|plot| (SORT_PLOT.to_owned(), plot));
     finish(args, (&report.table(), &report.csv()), &report, plot)?;
     Ok(!report.is_empty())
@@ -266,7 +267,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     once("SCENE", &args.scenes, |path| path.display().to_string())?;
     let scene_names: Vec<String> = match args.scenes.as_slice() {
         [] => vec!["demo".into()],
-        scenes => scenes.iter().map(|path| table::scene_name(&path.to_string_lossy())).collect(),
+        scenes => scene_names(scenes.iter().map(|path| path.to_string_lossy().into_owned())),
     };
     // `splats-NAME-32768x32768.svg` is the longest file name: 23 bytes besides the stem. One byte is spare.
     let stems = names::unique(&scene_names, MAX_NAME_BYTES - 24);
@@ -277,17 +278,6 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         cameras::load_sized(spec.map(String::as_str), scene, args.sizes.first().copied(), false)
     };
     Ok(Work { guard, cameras: (0..scenes).map(cameras).collect::<Result<_, _>>()?, stems })
-}
-
-/// Rejects duplicates in the values of an option; `text` formats a value for the message.
-fn once<T: PartialEq>(option: &str, list: &[T], text: impl Fn(&T) -> String) -> Result<(), Usage> {
-    let again = list.iter().enumerate().find(|(at, item)| list[..*at].contains(item));
-    match again {
-        Some((_, item)) => {
-            Err(Usage(format!("{option}: expected each value once, found {} twice", text(item))))
-        }
-        None => Ok(()),
-    }
 }
 
 fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {

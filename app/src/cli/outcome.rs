@@ -29,6 +29,17 @@ pub fn refuse(options: &[(&str, bool)], why: impl FnOnce(&str) -> String) -> Res
     given.map_or(Ok(()), |(option, _)| Err(Usage(why(option))))
 }
 
+/// Rejects duplicates in the values of an option; `text` formats a value for the message.
+pub fn once<T: PartialEq>(option: &str, list: &[T], text: impl Fn(&T) -> String) -> Result<(), Usage> {
+    let again = list.iter().enumerate().find(|(at, item)| list[..*at].contains(item));
+    match again {
+        Some((_, item)) => {
+            Err(Usage(format!("{option}: expected each value once, found {} twice", text(item))))
+        }
+        None => Ok(()),
+    }
+}
+
 /// Rejects options that need the option `required`, which is not given.
 ///
 /// clap checks this by itself, except where `required` conflicts with another argument that is present.

@@ -4,7 +4,7 @@ use super::cameras;
 use super::console::Console;
 use super::loading;
 use super::options::{self, BackendArgs, DEFAULT_PIPELINE};
-use super::outcome::{Outcome, Usage, claim_graph_files};
+use super::outcome::{Outcome, Usage, claim_graph_files, once};
 use super::subject;
 use crate::draw::projection;
 use crate::io::load::LoadOptions;
@@ -40,13 +40,13 @@ use std::path::{Path, PathBuf};
 #[command(after_help = "Examples:
   splatgraph popping                                        # the demo scene, every built-in graph
   splatgraph popping scene.ply -c path.json -o popping/     # popping.csv, popping.svg and popping.png
-  splatgraph popping scene.ply -p splat -p unsorted --with key_bits=8 --with key_bits=8,key_map=linear
+  splatgraph popping scene.ply -p splat,unsorted --with key_bits=8 --with key_bits=8,key_map=linear
   splatgraph popping scene.ply --frames 60 --step 0.1 --json=popping.json")]
 pub struct Args {
     #[arg(help = options::optional_scene_help())]
     scene: Option<PathBuf>,
-    /// A graph: the name of a built-in one, or a path; may be repeated [default: all built-in ones]
-    #[arg(short, long, value_name = "NAME")]
+    /// The graphs: names of built-in ones, or paths [default: all built-in ones]
+    #[arg(short, long, visible_alias = "pipelines", value_name = "NAME,...", value_delimiter = ',')]
     pipeline: Vec<String>,
     /// Also measure `auto` with these parameters; may be repeated for several variants
     #[arg(long, value_name = "NAME=VALUE,...", value_parser = variant)]
@@ -96,6 +96,8 @@ fn degrees(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
+    once("--pipeline", &args.pipeline, |name| format!("`{name}`"))?;
+    once("--with", &args.with, |variant| format!("`{}`", variant.name))?;
     let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref(), false)?;
     let mut guard = guard(args)?;
     let own = projection::of_cameras(given.as_deref().unwrap_or_default());
@@ -134,8 +136,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(args.device.validate, &subject.device.close()))
 }
 
-/// Lists the variants without duplicates: the given graphs and parameters or, if none are given, the built-in graphs
-/// for the cameras' projection except `auto`.
+/// Lists the variants: the given graphs and parameters or, if none are given, the built-in graphs for the cameras'
+/// projection except `auto`.
 ///
 /// If only `--with` is given, `auto` without parameters comes first.
 fn variants(args: &Args, cameras: Projection) -> Vec<Setting> {
@@ -147,13 +149,7 @@ fn variants(args: &Args, cameras: Projection) -> Vec<Setting> {
         all.push(graph(DEFAULT_PIPELINE));
     }
     all.extend(args.with.iter().cloned());
-    let mut kept: Vec<Setting> = Vec::new();
-    for variant in all {
-        if !kept.contains(&variant) {
-            kept.push(variant);
-        }
-    }
-    kept
+    all
 }
 
 /// Returns the projection that all variants draw. `None` if all graphs have errors, which are reported later.

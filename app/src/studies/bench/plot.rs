@@ -1,7 +1,6 @@
 //! Plots the time of candidates against the number of splats, and against the size of the picture.
 
 use super::report::{Report, Row, size_text};
-use super::table::scene_name;
 use crate::io::report::plot::{Axis, Plot, Series};
 use indexmap::IndexSet;
 use splatgraph_assets::grouped;
@@ -37,7 +36,7 @@ pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<
     let rows: Vec<&Row> = report.rows.iter().filter(|row| row.scene == scene).collect();
     let counts: IndexSet<u32> = rows.iter().map(|row| row.splats).collect();
     let mut plots = Vec::new();
-    let title = |of: String| format!("{}, {of}, {}", scene_name(scene), report.origin.device);
+    let title = |of: String| format!("{}, {of}, {}", report.name_of(scene), report.origin.device);
     if splats.len() > 1 {
         plots.extend(sizes.iter().map(|size| {
             let own = rows.iter().copied().filter(|row| row.size == *size);

@@ -5,9 +5,11 @@ use super::measure::{Figures, Found, Outcome, Part};
 use crate::draw::interleaved::{Figure, Frames};
 use crate::io::program;
 use crate::io::report::text::{optional, quoted};
+use indexmap::IndexSet;
 use serde::Serialize;
 use splatgraph_api::DeviceInfo;
 use splatgraph_assets::Camera;
+use std::path::{Path, PathBuf};
 
 /// Version of the JSON; increases when a field is removed or changes its meaning.
 pub const VERSION: u32 = 1;
@@ -99,6 +101,26 @@ pub fn size_text(size: Option<(u32, u32)>) -> String {
     size.map_or("cameras' size".into(), |(width, height)| format!("{width}x{height}"))
 }
 
+/// Shortens the paths of scenes to their stems, each with as many folders as tell it from the others.
+pub fn scene_names(scenes: impl IntoIterator<Item = String>) -> Vec<String> {
+    let scenes: Vec<String> = scenes.into_iter().collect();
+    let named = |scene: &str, folders: usize| -> String {
+        let stem = Path::new(scene).with_extension("");
+        let parts: Vec<_> = stem.iter().collect();
+        let kept = parts.len().saturating_sub(folders + 1);
+        parts[kept..].iter().collect::<PathBuf>().to_string_lossy().into_owned()
+    };
+    let name = |scene: &String| {
+        let is_unique = |folders: &usize| {
+            let own = named(scene, *folders);
+            scenes.iter().all(|other| other == scene || named(other, *folders) != own)
+        };
+        let folders = (0..Path::new(scene).iter().count()).find(is_unique);
+        folders.map_or_else(|| scene.clone(), |folders| named(scene, folders))
+    };
+    scenes.iter().map(name).collect()
+}
+
 impl Report {
     /// Writes every figure as CSV (RFC 4180), one per line, with all digits; missing values are empty.
     ///
@@ -136,6 +158,15 @@ impl Report {
             }
         }
         text
+    }
+
+    /// Shortens the path of a scene to a name that no other scene of the run has; see [`scene_names`].
+    pub fn name_of(&self, scene: &str) -> String {
+        let rows = self.rows.iter().map(|row| &row.scene);
+        let scenes: IndexSet<&String> = self.scenes.iter().map(|origin| &origin.scene).chain(rows).collect();
+        let at = scenes.iter().position(|other| *other == scene);
+        let names = scene_names(scenes.into_iter().cloned());
+        at.map_or_else(|| scene.to_owned(), |at| names[at].clone())
     }
 
     /// Returns the measurements of the candidates that were drawn.
@@ -207,7 +238,23 @@ pub(super) mod testing {
 #[cfg(test)]
 mod tests {
     use super::super::measure::testing::found;
+    use super::super::table::tables;
+    use super::scene_names;
     use super::testing::report;
+
+    #[test]
+    fn scenes_of_one_name_are_told_apart_by_their_folders() {
+        let names = |scenes: &[&str]| scene_names(scenes.iter().map(|scene| (*scene).to_owned()));
+        assert_eq!(names(&["a/b/scene.ply", "demo"]), ["scene", "demo"]);
+        let scenes = ["x/30/point_cloud.ply", "y/30/point_cloud.ply", "y/7/point_cloud.ply", "other.spz"];
+        assert_eq!(names(&scenes), ["x/30/point_cloud", "y/30/point_cloud", "7/point_cloud", "other"]);
+        assert_eq!(names(&["scene.ply", "scene.spz"]), ["scene.ply", "scene.spz"]);
+        let mut report =
+            report(vec![("splat", 1000, Ok(found(Some(2.0)))), ("splat", 1000, Ok(found(None)))]);
+        report.rows[1].scene = "other/a.ply".into();
+        let text = tables(&report);
+        assert!(text.contains("\nscenes/a, 1,000") && text.contains("\nother/a, 1,000"), "{text}");
+    }
 
     #[test]
     fn every_line_of_the_csv_has_the_columns_of_its_header() {

@@ -90,42 +90,47 @@ pub struct Report {
     /// Program, device and settings of the run.
     #[serde(flatten)]
     pub origin: Origin,
+    /// False if the run was interrupted before all numbers of pairs were measured.
+    pub complete: bool,
     /// The sorts, grouped by number of pairs.
     pub rows: Vec<Row>,
 }
 
-/// Measures sorts of each number of pairs, with the key widths interleaved.
+/// Measures sorts of each number of pairs, with the key widths interleaved. Calls `kept` after each number.
 ///
 /// # Errors
-/// The device fails, or the listener cancels. A sort that does not fit in memory, or that leaves pairs in the wrong
-/// place, gives a row with the reason.
-pub fn measure(
+/// The device fails, `kept` fails, or the listener cancels. A sort that does not fit in memory, or that leaves pairs in
+/// the wrong place, gives a row with the reason.
+pub fn measure<E: From<StudyError>>(
     device: &Backend,
     pairs: &[u32],
     origin: Origin,
+    kept: &mut dyn FnMut(&Report) -> Result<(), E>,
     listener: &mut dyn Listener,
-) -> Result<Report, StudyError> {
-    let (scene, camera) = no_scene()?;
+) -> Result<Report, E> {
+    let (scene, camera) = no_scene().map_err(StudyError::from)?;
     let copy = origin.copy.as_ref().map(|copy| copy.gb_per_s);
     let bench = Bench { device, scene: scene.into(), frames: origin.effort, copy };
     let mut steps = Steps::new(listener, "sorting", pairs.len());
-    let mut rows = Vec::new();
+    let mut report = Report { origin, complete: false, rows: Vec::new() };
     for pairs in pairs.iter().copied() {
         let candidate = |key_bits: u32| {
             let own = OWN_PARAMETERS.into_iter().zip([pairs, key_bits]);
             let own = own.map(|(name, value)| (name.to_owned(), value.to_string()));
-            Setting::of_graph(GRAPH, &origin.set.iter().cloned().chain(own).collect::<Vec<_>>())
+            Setting::of_graph(GRAPH, &report.origin.set.iter().cloned().chain(own).collect::<Vec<_>>())
         };
         let place = format!("{} pairs", grouped(pairs.into()));
         let cameras = std::slice::from_ref(&camera);
         let outcomes = bench.measure(&KEY_BITS.map(candidate), cameras, &mut steps, &place)?;
-        rows.extend(KEY_BITS.into_iter().zip(outcomes).map(|(key_bits, found)| Row {
+        report.rows.extend(KEY_BITS.into_iter().zip(outcomes).map(|(key_bits, found)| Row {
             pairs,
             key_bits,
             found: found.and_then(|found| Sorted::new(pairs, found)),
         }));
+        kept(&report)?;
     }
-    Ok(Report { origin, rows })
+    report.complete = true;
+    Ok(report)
 }
 
 impl Report {
@@ -211,6 +216,22 @@ impl Report {
 mod tests {
     use super::super::measure::testing;
     use super::*;
+    use crate::draw::interleaved::Frames;
+    use splatgraph_api::Device;
+    use splatgraph_null::{Config, open};
+
+    #[test]
+    fn each_number_of_pairs_is_kept_at_once_and_the_report_is_complete_after_the_last() {
+        let device = Backend::Null(open(&Config::default()).0.expect("no fault is set"));
+        let origin = Origin::new(device.info(), None, Frames { rounds: 1, frames: Some(1) }, &[]);
+        let mut lengths = Vec::new();
+        let mut kept = |report: &Report| {
+            lengths.push((report.rows.len(), report.complete));
+            Ok::<(), StudyError>(())
+        };
+        let report = measure(&device, &[100, 200], origin, &mut kept, &mut ()).expect("it is measured");
+        assert_eq!((lengths, report.complete), (vec![(3, false), (6, false)], true));
+    }
 
     #[test]
     fn a_sort_with_wrong_pairs_has_no_times() {

@@ -35,7 +35,7 @@ pub fn study<E: From<StudyError>>(
     let counts = if wanted.splats.is_empty() { vec![base.count()] } else { wanted.splats.clone() };
     let sizes: &[Option<(u32, u32)>] = if wanted.sizes.is_empty() { &[None] } else { &wanted.sizes };
     let of = counts.len() * sizes.len() * cameras.len();
-    let mut steps = Steps::new(listener, format!("measuring {}", super::table::scene_name(name)), of);
+    let mut steps = Steps::new(listener, format!("measuring {}", report.name_of(name)), of);
     for splats in counts {
         let row = |size, candidate: &Setting, found| {
             let (scene, pipeline) = (name.clone(), candidate.pipeline.clone());

@@ -8,7 +8,6 @@ use crate::io::report::text::{number, table};
 use indexmap::IndexSet;
 use splatgraph_assets::grouped;
 use std::iter;
-use std::path::Path;
 
 /// Describes the device and its copy limit, explains the column `MB`, and warns of unreliable or missing times.
 ///
@@ -43,7 +42,7 @@ pub fn tables(report: &Report) -> String {
     let mut text = head(&report.origin, timed);
     for rows in report.rows.chunk_by(|a, b| place(a) == place(b)) {
         let Some(first) = rows.first() else { continue };
-        text += &format!("\n{}\n", heading(first));
+        text += &format!("\n{}\n", heading(report, first));
         for (row, found) in drawn(rows) {
             text += &format!("\npasses of {}\n{}", row.pipeline, passes(found, report.origin.is_cpu));
         }
@@ -73,13 +72,9 @@ fn drawn(rows: &[Row]) -> impl Iterator<Item = (&Row, &Found)> {
     rows.iter().filter_map(|row| Some((row, row.found.as_ref().ok()?)))
 }
 
-/// Shortens the path of a scene to its stem.
-pub fn scene_name(scene: &str) -> String {
-    Path::new(scene).file_stem().map_or_else(|| scene.to_owned(), |stem| stem.to_string_lossy().into_owned())
-}
-
-fn heading(row: &Row) -> String {
-    format!("{}, {} splats, {}", scene_name(&row.scene), grouped(row.splats.into()), size_text(row.size))
+fn heading(report: &Report, row: &Row) -> String {
+    let splats = grouped(row.splats.into());
+    format!("{}, {splats} splats, {}", report.name_of(&row.scene), size_text(row.size))
 }
 
 fn ms(figure: Option<Figure>) -> String {
@@ -182,7 +177,7 @@ fn overview(report: &Report) -> String {
                 Err(_) => "not drawn".into(),
             })
         };
-        let name = format!("{}, {}, {}", scene_name(&row.scene), size_text(row.size), row.pipeline);
+        let name = format!("{}, {}, {}", report.name_of(&row.scene), size_text(row.size), row.pipeline);
         lines.push(iter::once(name).chain(columns.iter().map(|splats| at(*splats))).collect());
     }
     table(header, lines)
