@@ -290,7 +290,7 @@ impl Camera {
         [0, 1].map(|axis| center[axis].map_or(0.0, |center| center - 0.5 * f64::from(size[axis])))
     }
 
-    /// Rounds the principal point as writing the camera to a file and reading it does, so that both are equal.
+    /// Rounds the principal point as a round trip through a file does, so that the camera equals the one read back.
     #[must_use]
     pub fn rounded(self) -> Self {
         let principal_offset = Self::offset_of(self.principal_point().map(Some), [self.width, self.height]);

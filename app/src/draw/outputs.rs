@@ -150,8 +150,10 @@ pub fn source_of(name: &str) -> &str {
     if name == RGBA.0 { "alpha" } else { name }
 }
 
-/// Returns the output `name` from its [source](source_of), and [`RGBA`] also from the picture over `background`. `None`
-/// if something that the output needs is missing.
+/// Returns the output `name`: [`RGBA`] is computed from `picture` and `source`, any other output is `source` itself.
+///
+/// `source` is the output that [`source_of`] names. `background` is the picture's, display-encoded. Returns `None` if
+/// `source` is missing, or for [`RGBA`], if `picture` is missing or its size differs from that of `source`.
 pub fn named<'a>(
     name: &str,
     source: Option<&'a Output>,

@@ -244,7 +244,7 @@ impl Viewport {
         self.inspection.as_ref().is_some_and(|i| i.found.is_none() || !i.found_in.ptr_eq(&current))
     }
 
-    /// Returns the number of successful readings so far.
+    /// Returns the number of inspection results read back so far. Pictures are not counted.
     pub fn readings(&self) -> u64 {
         self.readings
     }

@@ -26,7 +26,7 @@ const MAX_SIDE: usize = 16_383;
 const MIN_WEIGHT: f32 = 1e-12;
 const MAX_WEIGHT: f32 = 1e12;
 
-/// Estimates the memory beside the scene while it is written, in bytes.
+/// Estimates the memory that writing a scene needs in addition to the scene itself, in bytes.
 fn beside(count: u64, degree: u32) -> u64 {
     /// 96 while a codebook is chosen, the order, and textures.
     const SPLAT: u64 = 128;

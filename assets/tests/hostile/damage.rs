@@ -32,8 +32,8 @@ const WORDS: &str = "ply format ascii binary_little_endian binary_big_endian 1.0
     uchar short uint int float double end_header comment x opacity f_rest_0 rot_3 position rotation \
     width fx [ }";
 
-/// Damages a file once or twice, possibly with a piece of `other`. Two in five damages begin in the first `head` bytes,
-/// which have the declared sizes.
+/// Damages a file once or twice, possibly with a piece of `other`. Two times in five, the place is in the first `head`
+/// bytes, which have the declared sizes; otherwise, it is anywhere.
 fn damage(seed: &[u8], head: usize, other: &[u8], random: &mut Random) -> Vec<u8> {
     let mut bytes = seed.to_vec();
     for _ in 0..=random.below(2) {

@@ -1,5 +1,4 @@
-//! An X server without a display (Xvfb) for tests, and the pixels of its windows. The Vulkan backend's tests use it,
-//! too.
+//! A headless X server (Xvfb) for tests, and the pixels of its windows. The Vulkan backend's tests use it, too.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
