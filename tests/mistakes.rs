@@ -101,6 +101,34 @@ fn mistakes_of_a_beginner_are_answered_with_the_way_to_go() {
 }
 
 #[test]
+fn pictures_without_a_splat_are_not_compared() {
+    let place = Place::demo(300);
+    let camera = |name: &str, forward: i32| {
+        format!(
+            r#"{{"id":0,"img_name":"{name}","width":32,"height":18,"position":[0,0,-90],
+            "rotation":[[{forward},0,0],[0,1,0],[0,0,{forward}]],"fx":24,"fy":24}}"#
+        )
+    };
+    let (ahead, away) = (camera("ahead", 1), camera("away", -1));
+    place.write("away.json", format!("[{away}]").as_bytes());
+    place.write("both.json", format!("[{ahead},{away}]").as_bytes());
+    let blind = "1 of 1 cameras see no splat: most splats are in the box";
+    for command in ["convert", "advise --psnr 40", "sweep --steps 2", "trade --rounds 1 --frames 1"] {
+        let price = if command == "convert" { "--price" } else { "" };
+        let errors = place.fails(&format!("{command} scene.ply {price} -c away.json"), 1);
+        assert!(
+            errors.contains(blind) && errors.contains("no picture can be compared"),
+            "{command}: {errors}"
+        );
+    }
+    let (prices, errors) = place.said("convert scene.ply --price -c both.json --json");
+    assert!(errors.contains("1 of 2 cameras see no splat") && errors.contains("left out"), "{errors}");
+    assert!(prices.contains("\"ahead\"") && !prices.contains("\"away\""), "{prices}");
+    let film = "video scene.ply --eye 0,0,-90 --target 0,0,-99 --seconds 0.1 --size 32x18 -o away.gif";
+    assert!(place.said(film).1.contains(" of 3 cameras see no splat"));
+}
+
+#[test]
 fn a_scene_that_is_none_is_an_error_and_no_panic() {
     let place = Place::empty();
     let short = "ply\nformat binary_little_endian 1.0\nelement vertex 5\nproperty float x\nend_header\n";

@@ -7,6 +7,7 @@ use super::options::{self, DeviceArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files, validated};
 use super::render::{Renderer, refuse_graph_options, renderer};
 use crate::draw::backend::{Api, Backend};
+use crate::draw::blind;
 use crate::draw::fit;
 use crate::draw::outputs;
 use crate::draw::projection::{self, ProjectionError};
@@ -308,6 +309,13 @@ impl Drawer {
         Ok(Drawer::Device(Box::new(session)))
     }
 
+    fn scene(&self) -> &Scene {
+        match self {
+            Drawer::Reference(scene) => scene,
+            Drawer::Device(session) => session.scene(),
+        }
+    }
+
     /// Draws a view from a camera in world coordinates.
     fn draw(&mut self, camera: &Camera, background: [f32; 3]) -> Result<Image> {
         match self {
@@ -384,13 +392,15 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut drawer = Drawer::open(args, &mut work, None)?;
     let Work { views, stems, downscale, downscaled, .. } = work;
     let mut progress = Progress::new("scoring");
-    let (mut scores, mut missing) = (Vec::with_capacity(views.len()), Vec::new());
+    let (mut scores, mut missing, mut blind) = (Vec::with_capacity(views.len()), Vec::new(), 0);
     for (index, (view, stem)) in views.iter().zip(&stems).enumerate() {
         progress.set(index as u64, views.len() as u64, &view.name);
         // Errors of the device and the disk end the run: they would repeat for each view.
         let score = match view.load(downscale, args.background) {
             Ok((camera, photograph)) => {
                 let drawn = drawer.draw(&camera, args.background)?;
+                let scene = drawer.scene();
+                blind += usize::from(!blind::sees(scene, &camera.relative_to(scene.offset()))?);
                 save(args, stem, &drawn, &photograph)?;
                 view.score(&drawn, &photograph)
             }
@@ -410,6 +420,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         progress.suspend(|| session.settings_without_effect().iter().chain(&note).for_each(say));
     }
     drop(progress);
+    if blind > 0 {
+        say(blind::note(drawer.scene(), blind, views.len()));
+    }
     let found = Evaluation::new(scores, missing);
     options::print_beside(args.json.as_deref(), &found.table())?;
     if let Some(path) = &args.json {

@@ -1,5 +1,6 @@
 //! Loads scenes and their cameras, and reports what is unusual about them.
 
+use crate::draw::blind;
 use crate::draw::facts::{self, SceneFacts};
 use crate::io::demo;
 use crate::io::load::LoadOptions;
@@ -254,6 +255,17 @@ pub fn stray_cameras(cameras: &[Camera], scene: &Scene) -> Option<String> {
          the box {bounds}; are the coordinates those of another scene?",
         distances.len()
     ))
+}
+
+/// Reports that `blind` of `of` cameras see no splat, and which options frame the scene.
+pub fn tell_blind(scene: &Scene, blind: usize, of: usize) {
+    let advice = match blind::is_invisible(scene) {
+        true => "",
+        false => "; `--fov 60`, without --cameras, --eye and --target, frames the scene",
+    };
+    if blind > 0 {
+        say(blind::note(scene, blind, of) + advice);
+    }
 }
 
 pub fn framing(scene: &Scene) -> Camera {

@@ -9,6 +9,7 @@ use crate::draw::camera_path::CameraPath;
 use crate::draw::orbit::Orbit;
 use crate::draw::pictures::{self, Pictures};
 use crate::draw::session::{FrameOptions, Session, image_of};
+use crate::draw::stats::is_blind;
 use crate::io::image::Image;
 use anyhow::{Context, Result};
 use rayon::prelude::*;
@@ -67,7 +68,15 @@ pub struct DrawOptions {
     pub jobs: usize,
 }
 
-/// Draws frames of a film, and returns the GPU time of all samples in milliseconds; `None` without timestamps.
+/// Frames of a film that were drawn.
+pub struct Drawn {
+    /// GPU time of all samples, in milliseconds; `None` without timestamps.
+    pub gpu_ms: Option<f64>,
+    /// Number of frames without a visible splat, although the scene has splats.
+    pub blind: usize,
+}
+
+/// Draws frames of a film.
 ///
 /// `encode` runs on threads of the pool; see [`Pictures::start`]. `done` receives its results in the order of the
 /// frames. The session must be prepared for the size of the pictures.
@@ -81,15 +90,18 @@ pub fn draw<T: Send + 'static>(
     options: &DrawOptions,
     encode: impl Fn(u32, Image) -> Result<T> + Clone + Send + 'static,
     mut done: impl FnMut(T) -> Result<()>,
-) -> Result<Option<f64>> {
+) -> Result<Drawn> {
     let mut pictures = Pictures::new(options.jobs);
-    let (mut exposure, mut ms) = (Exposure::default(), Some(0.0));
+    let (mut exposure, mut ms, mut blind) = (Exposure::default(), Some(0.0), 0);
+    let has_splats = session.scene().count() > 0;
     // Waits for a sample in flight. The last sample of a picture comes with the picture's number of samples, and starts
     // its encoding.
     let mut land =
         |session: &mut Session, (id, frame, samples): (FrameId, u32, Option<usize>)| -> Result<()> {
             let result = session.wait(id)?;
             ms = ms.zip(result.total_ms).map(|(sum, ms)| sum + ms);
+            // The last sample stands for its frame.
+            blind += usize::from(has_splats && samples.is_some() && is_blind(&result.stats));
             let pixels = result.output.context("the device returned no picture")?;
             let (encode, bytes) = (encode.clone(), pictures::encoding_bytes(&pixels));
             let finished = match samples {
@@ -124,7 +136,7 @@ pub fn draw<T: Send + 'static>(
     while let Some(outcome) = pictures.wait()? {
         done(outcome)?;
     }
-    Ok(ms)
+    Ok(Drawn { gpu_ms: ms, blind })
 }
 
 /// Sum of a frame's samples, in linear light.

@@ -2,6 +2,7 @@
 
 pub mod animation;
 pub mod backend;
+pub mod blind;
 pub mod builtin;
 pub mod camera;
 pub mod camera_path;

@@ -156,8 +156,7 @@ impl CameraStats {
 
     /// Returns true if the scene has splats and none was visible in the last frame.
     pub fn sees_nothing(&self) -> bool {
-        let is_none = |(name, count): &(String, u32)| name == VISIBLE && *count == 0;
-        self.loaded.is_some_and(|loaded| loaded > 0) && self.stats.iter().any(is_none)
+        self.loaded.is_some_and(|loaded| loaded > 0) && is_blind(&self.stats)
     }
 
     /// Computes the part of [`CameraStats::gpu_ms`] that belongs to no phase; `None` if a time is unknown.
@@ -196,6 +195,11 @@ impl CameraStats {
         }
         line
     }
+}
+
+/// Returns true if a frame's statistics count no visible splat.
+pub(crate) fn is_blind(stats: &[(String, u32)]) -> bool {
+    stats.iter().any(|(name, count)| name == VISIBLE && *count == 0)
 }
 
 /// Collects the reasons for a plan's parameter values, by name.

@@ -4,6 +4,7 @@
 //! Studies print nothing. Only `trade` writes files: its ledger and the pictures beside it.
 
 use crate::draw::backend::Backend;
+use crate::draw::blind;
 use crate::draw::session::{Session, SessionError};
 use crate::io::image::ImageError;
 use crate::io::output::OutputError;
@@ -131,6 +132,27 @@ impl Subject {
             session.controls((first.width, first.height))?;
         }
         self.files_of(&mut session, settings)
+    }
+
+    /// Tells the listener how many cameras see no splat.
+    ///
+    /// # Errors
+    /// No camera sees a splat: all pictures would be equal, because they are empty. Or an exact picture does not fit in
+    /// memory.
+    pub fn check_views(&self, listener: &mut dyn Listener) -> Result<(), StudyError> {
+        let mut blind = 0;
+        for camera in &self.cameras {
+            blind += usize::from(!blind::sees(&self.scene, camera)?);
+        }
+        let of = self.cameras.len();
+        let note = |rest| format!("{}; {rest}", blind::note(&self.scene, blind, of));
+        if blind > 0 && blind == of {
+            return Err(StudyError::Input(note("no picture can be compared")));
+        }
+        if blind > 0 {
+            listener.say(&note("in their views, nothing has an error"));
+        }
+        Ok(())
     }
 
     /// Lists the files of graphs and their shaders. For a graph with errors, the list may be incomplete.

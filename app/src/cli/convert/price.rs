@@ -2,11 +2,12 @@
 
 use crate::cli::outcome::{Outcome, Usage, refuse_without};
 use crate::cli::{cameras, loading, options};
-use crate::io::output::OutputGuard;
+use crate::draw::blind;
+use crate::io::output::{OutputGuard, say};
 use crate::io::report::text;
 use crate::io::scene_file;
 use crate::studies::price::{self, Found, Price};
-use anyhow::Result;
+use anyhow::{Result, bail};
 use serde_json::json;
 use splatgraph_assets::{Scene, SceneFormat, grouped};
 use std::path::{Path, PathBuf};
@@ -56,7 +57,21 @@ impl PriceArgs {
             Some((width, height)) => camera.resized(width, height),
             None => camera,
         };
-        let cameras: Vec<_> = cameras.into_iter().map(sized).collect();
+        let all: Vec<_> = cameras.into_iter().map(sized).collect();
+        // Empty pictures are equal in every format.
+        let (mut cameras, of) = (Vec::new(), all.len());
+        for camera in all {
+            if blind::sees(original, &camera.relative_to(original.offset()))? {
+                cameras.push(camera);
+            }
+        }
+        if cameras.len() < of {
+            let note = blind::note(original, of - cameras.len(), of);
+            if cameras.is_empty() {
+                bail!("{note}; no picture can be compared");
+            }
+            say(format!("{note}; their views are left out"));
+        }
         let (splats, of) = (scene.count(), original.count());
         let notes = |format: SceneFormat| {
             let coarse = scene_file::coarse_positions(&scene, format);

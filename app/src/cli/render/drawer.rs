@@ -207,13 +207,8 @@ impl Drawer {
             blind = std::mem::take(&mut batch.blind);
         }
         // Cameras of files that are far from the scene were reported when they were read.
-        if blind > 0 && (args.look.has_camera() || loading::stray_cameras(cameras, scene).is_none()) {
-            let bounds = scene.robust_bounds().in_world(scene.offset());
-            say(format!(
-                "{blind} of {} cameras see no splat: most splats are in the box {bounds}; without --cameras, --eye and \
-                 --target, the camera frames the scene",
-                views.len()
-            ));
+        if args.look.has_camera() || loading::stray_cameras(cameras, scene).is_none() {
+            loading::tell_blind(scene, blind, views.len());
         }
         Ok(())
     }

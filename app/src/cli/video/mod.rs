@@ -11,7 +11,7 @@ use super::render::prepare_plan;
 use super::scenes::ScenesArgs;
 use super::stdout::Stdout;
 use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
-use crate::draw::film::{self, DrawOptions, Film, Motion};
+use crate::draw::film::{self, DrawOptions, Drawn, Film, Motion};
 use crate::draw::orbit::{self, Orbit};
 use crate::draw::outputs::{NAMES, RGBA};
 use crate::draw::projection;
@@ -330,12 +330,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Destination::Folder(sequence) => {
             let record = job.record(&session, &cameras)?;
             let missing = sequence.missing(&record, frames, size)?;
-            let ms = job.fill(&mut session, sequence, &missing)?;
-            Some((missing.len(), ms))
+            let drawn = job.fill(&mut session, sequence, &missing)?;
+            Some((missing.len(), drawn))
         }
     };
-    if let Some((drawn, ms)) = told {
-        let line = job.summary(drawn, began.elapsed().as_secs_f64(), ms);
+    if let Some((drawn, Drawn { gpu_ms, blind })) = told {
+        loading::tell_blind(session.scene(), blind, drawn);
+        let line = job.summary(drawn, began.elapsed().as_secs_f64(), gpu_ms);
         Stdout::of([Some(args.output.as_path()), args.write_cameras.as_deref()].into_iter().flatten())
             .line(&line)?;
     }
@@ -353,15 +354,10 @@ impl Job<'_> {
         DrawOptions { background: self.args.background, jobs: options::jobs(self.args.jobs) }
     }
 
-    /// Writes the film to one file. Returns the number of frames and their GPU time in milliseconds.
+    /// Writes the film to one file. Returns the number of frames and what is known of them.
     ///
     /// `None` if the reader of the output pipe closed it.
-    fn write(
-        &self,
-        session: &mut Session,
-        path: &Path,
-        format: Format,
-    ) -> Result<Option<(usize, Option<f64>)>> {
+    fn write(&self, session: &mut Session, path: &Path, format: Format) -> Result<Option<(usize, Drawn)>> {
         let frames: Vec<u32> = (0..self.film.frames).collect();
         let mut progress = Progress::new("drawing");
         let mut told = None;
@@ -381,9 +377,9 @@ impl Job<'_> {
             });
             match (drawn, unwritten) {
                 (_, Some(cause)) => Err(cause),
-                (Ok(ms), None) => {
+                (Ok(drawn), None) => {
                     writer.finish()?;
-                    told = Some((frames.len(), ms));
+                    told = Some((frames.len(), drawn));
                     Ok(())
                 }
                 (Err(error), None) => {
@@ -403,8 +399,8 @@ impl Job<'_> {
         }
     }
 
-    /// Draws the missing frames, and returns their GPU time in milliseconds; `None` without timestamps.
-    fn fill(&self, session: &mut Session, sequence: &Sequence, missing: &[u32]) -> Result<Option<f64>> {
+    /// Draws the missing frames.
+    fn fill(&self, session: &mut Session, sequence: &Sequence, missing: &[u32]) -> Result<Drawn> {
         let mut progress = Progress::new("drawing");
         let mut done = 0;
         let encode = {

@@ -75,8 +75,8 @@ const DRAWN: (usize, usize) = (12, 3);
 /// Measures one parameter at a time and every preset, then the most promising combinations.
 ///
 /// # Errors
-/// The subject has no camera, the graph has errors, the device fails, an exact picture does not fit in memory, or the
-/// listener cancels.
+/// The subject has no camera or none that sees a splat, the graph has errors, the device fails, an exact picture does
+/// not fit in memory, or the listener cancels.
 pub fn study(
     subject: &Subject,
     needs: &[Need],
@@ -84,6 +84,7 @@ pub fn study(
     listener: &mut dyn Listener,
 ) -> Result<Advice, StudyError> {
     let (cameras, first) = (&subject.cameras, subject.first()?);
+    subject.check_views(listener)?;
     let mut session = subject.session(&wanted.pipeline, &wanted.set)?;
     let controls = session.controls((first.width, first.height))?;
     let mut singles = settings::measured(&wanted.pipeline, &wanted.set, &controls);

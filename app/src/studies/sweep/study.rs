@@ -64,9 +64,10 @@ impl Study {
     /// Tells the listener if the nearest splats cannot be measured, and which parameters have no effect.
     ///
     /// # Errors
-    /// The subject has no camera, the graph has errors, or the device fails.
+    /// The subject has no camera or none that sees a splat, the graph has errors, or the device fails.
     pub fn new(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) -> Result<Study, StudyError> {
         let first = subject.first()?;
+        subject.check_views(listener)?;
         let pipeline = wanted.pipeline.as_str();
         let mut whole = subject.session(pipeline, &wanted.set)?;
         let controls = whole.controls((first.width, first.height))?;
