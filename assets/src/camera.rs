@@ -189,26 +189,33 @@ impl Camera {
 
     /// Creates a camera that frames most of a scene; see [`Camera::framing_upright`].
     pub fn framing(scene: &Scene, width: u32, height: u32) -> Self {
-        Self::framing_upright(scene, scene.up(), (width, height))
+        Self::framing_upright(scene, scene.up(), None, (width, height))
     }
 
     /// Creates a camera that frames most of a scene, upright with respect to the vector `up`, of any length.
     ///
     /// It looks along +z and 12 degrees down (+y), rotated so that `up` is up, from a distance at which the box
-    /// [`Scene::robust_bounds`] fits with a margin of 8 %, but at least 1 unit. The field of view is 60 degrees across
-    /// the longer side, or less for a scene that would be small at a distance of 1 unit.
-    pub fn framing_upright(scene: &Scene, up: [f64; 3], size: (u32, u32)) -> Self {
-        Self::framing_turns(scene, up, size, 1)
+    /// [`Scene::robust_bounds`] fits with a margin of 8 %, but at least 1 unit. `fov` is the horizontal field of view, in
+    /// degrees below 180; `None` for 60 degrees across the longer side, or less for a scene that would be small at a
+    /// distance of 1 unit.
+    pub fn framing_upright(scene: &Scene, up: [f64; 3], fov: Option<f64>, size: (u32, u32)) -> Self {
+        Self::framing_turns(scene, up, fov, size, 1)
     }
 
     /// Creates a camera like [`Camera::framing_upright`], but at a distance from which the box fits in every picture of
     /// an orbit around the axis `up`.
-    pub fn framing_around(scene: &Scene, up: [f64; 3], size: (u32, u32)) -> Self {
-        Self::framing_turns(scene, up, size, 120)
+    pub fn framing_around(scene: &Scene, up: [f64; 3], fov: Option<f64>, size: (u32, u32)) -> Self {
+        Self::framing_turns(scene, up, fov, size, 120)
     }
 
     /// Creates a camera at a distance from which the scene fits at each of `turns` equal steps around the axis `up`.
-    fn framing_turns(scene: &Scene, up: [f64; 3], (width, height): (u32, u32), turns: u32) -> Self {
+    fn framing_turns(
+        scene: &Scene,
+        up: [f64; 3],
+        fov: Option<f64>,
+        (width, height): (u32, u32),
+        turns: u32,
+    ) -> Self {
         /// Downward slope of the view, in degrees.
         const PITCH: f64 = 12.0;
         /// Share of the image that the box may fill.
@@ -220,7 +227,10 @@ impl Camera {
         let (width, height) = (width.max(1), height.max(1));
         let bounds = scene.robust_bounds();
         let center = glam::DVec3::from(bounds.center());
-        let focal = 0.5 * f64::from(width.max(height)) / 30f64.to_radians().tan();
+        let focal = match fov {
+            Some(fov) => 0.5 * f64::from(width) / (0.5 * fov).to_radians().tan(),
+            None => 0.5 * f64::from(width.max(height)) / 30f64.to_radians().tan(),
+        };
         let horizontal = 2.0 * (0.5 * f64::from(width) / focal).atan().to_degrees();
         let forward = glam::DVec3::new(0.0, PITCH.to_radians().sin(), PITCH.to_radians().cos());
         let forward = match glam::DVec3::from(up).try_normalize() {
@@ -243,7 +253,7 @@ impl Camera {
             let v = camera.to_view(*corner);
             distance.max(v[0].abs() / tan_x - v[2]).max(v[1].abs() / tan_y - v[2])
         });
-        if distance < CLOSEST {
+        if distance < CLOSEST && fov.is_none() {
             // Splats can extend far beyond the box of their centres, so the box gets a margin of 3 standard deviations.
             let margin = 3.0 * f64::from(scene.median_size());
             let share = corners.iter().fold(0.0, |share: f64, corner| {
@@ -626,7 +636,7 @@ mod tests {
             assert!(forward[2] > 0.9 && forward[1] > 0.1, "{forward:?}");
         }
         for up in [[0.0, 0.0, 3.0], [0.0, 0.5, 0.0], [-1.0, 0.0, 0.0]] {
-            let camera = Camera::framing_upright(&scene, up, (960, 540));
+            let camera = Camera::framing_upright(&scene, up, None, (960, 540));
             let [_, down, forward] = camera.axes().map(glam::DVec3::from);
             let up = glam::DVec3::from(up).normalize();
             assert!(down.dot(up) < -0.9 && forward.dot(up) < -0.1, "{up}: {down} {forward}");

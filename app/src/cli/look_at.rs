@@ -124,9 +124,9 @@ impl LookAtArgs {
 
     /// Computes the circle through the eye around the axis `--up`, in the scene's coordinates.
     ///
-    /// Without `--eye`, the first camera has the position of [`Camera::framing_upright`], or of
-    /// [`Camera::framing_around`] if the camera `turns`. Without `--eye`, `--fov` and `--target`, it also enlarges a
-    /// small scene as that camera does.
+    /// Without `--eye`, the first camera has the position of [`Camera::framing_upright`] with the field of view of
+    /// `--fov`, or of [`Camera::framing_around`] if the camera `turns`. Without `--eye`, `--fov` and `--target`, it also
+    /// enlarges a small scene as that camera does.
     ///
     /// # Errors
     /// The eye and the target coincide, or are too far away to draw. `--fov` is invalid for the projection.
@@ -142,7 +142,12 @@ impl LookAtArgs {
         let target = self.target.map_or_else(|| DVec3::from(scene.robust_bounds().center()), local);
         let up = self.up.unwrap_or(scene.up());
         let framed = if turns { Camera::framing_around } else { Camera::framing_upright };
-        let framing = self.eye.is_none().then(|| framed(scene, up, size));
+        let fov = self.fov.map(|fov| match projection {
+            // Equal angles of a fisheye take fewer pixels than those of a pinhole, the more so the farther out.
+            Projection::Fisheye => fov.min(default_fov(size)),
+            _ => fov.min(MAX_FLAT_FOV),
+        });
+        let framing = self.eye.is_none().then(|| framed(scene, up, fov, size));
         let eye = framing.as_ref().map_or(DVec3::ZERO, |camera| camera.position.into());
         let eye = self.eye.map_or(eye, local);
         if eye.distance(target) < 1e-9 * eye.length().max(1.0) {
@@ -196,7 +201,7 @@ impl LookAtArgs {
             (Projection::Equirectangular, Some(fov)) => Err(Usage(format!(
                 "expected no --fov for an equirectangular view, which covers 360 degrees, found {fov}"
             ))),
-            (_, Some(fov)) if fov > 179.0 => {
+            (_, Some(fov)) if fov > MAX_FLAT_FOV => {
                 let text = format!("--fov: expected 0.1 to 179 degrees for a {projection} view, found {fov}");
                 Err(Usage(format!("{text}; --pipeline fisheye allows up to 360")))
             }
@@ -208,6 +213,9 @@ impl LookAtArgs {
         }
     }
 }
+
+/// Largest field of view of a projection onto a plane, in degrees.
+const MAX_FLAT_FOV: f64 = 179.0;
 
 /// Computes the horizontal field of view that is 60 degrees across the longer side, as in [`Camera::framing`].
 fn default_fov((width, height): (u32, u32)) -> f64 {
@@ -303,6 +311,24 @@ mod tests {
             }
         }
         assert_eq!(enlargement(&Camera::framing(&scene, 960, 540)), 1.0);
+        // With a long or a wide lens, the scene fills the picture, too, seen from another distance.
+        for (fov, size) in [(5.0, (300, 200)), (25.0, (90, 320)), (50.0, (320, 90)), (120.0, (300, 300))] {
+            for projection in [Projection::Pinhole, Projection::Orthographic] {
+                let look = parse(&format!("--fov {fov}")).unwrap();
+                let camera = look.cameras(&scene, Some(size), projection).unwrap().unwrap().remove(0);
+                let corners = scene.robust_bounds().corners().map(|corner| camera.to_view(corner));
+                let filled = corners.iter().fold(0.0, |most: f64, [x, y, z]| {
+                    let z = if projection == Projection::Pinhole { *z } else { 1.0 };
+                    let share =
+                        |v: f64, focal: f64, side: u32| (v / z * focal).abs() / (0.5 * f64::from(side));
+                    most.max(share(*x, camera.fx, size.0)).max(share(*y, camera.fy, size.1))
+                });
+                let least = if projection == Projection::Pinhole { 0.91 } else { 0.3 };
+                assert!((least..0.93).contains(&filled), "{fov}, {size:?}, {projection}: {filled}");
+            }
+        }
+        let wide = parse("--fov 340").unwrap().cameras(&scene, None, Projection::Fisheye).unwrap().unwrap();
+        assert_eq!(wide[0].position, Camera::framing(&scene, 960, 540).position);
         // A long scene is farther away at its sides, and whole in every picture of the circle.
         let long = synth::generate("uniform", 500, 0).unwrap();
         let long = Scene::joined(&[0.0, 4.0, 8.0].map(|x| {

@@ -54,7 +54,7 @@ impl Viewer {
     pub fn show_upright(&mut self, up: [f64; 3]) {
         self.subject.up = Some(up);
         self.navigation.set_up(up.into());
-        let camera = Camera::framing_upright(self.scene(), up, facts::DEFAULT_SIZE);
+        let camera = Camera::framing_upright(self.scene(), up, None, facts::DEFAULT_SIZE);
         self.navigation.set_camera(&camera);
     }
 

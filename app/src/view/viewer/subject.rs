@@ -174,7 +174,7 @@ impl Subject {
     /// Creates the navigation for the scene as drawn, without cameras: the whole scene is in view, upright with respect
     /// to `up`.
     pub fn navigation(&self, up: [f64; 3]) -> Navigation {
-        let camera = Camera::framing_upright(&self.scene, up, facts::DEFAULT_SIZE);
+        let camera = Camera::framing_upright(&self.scene, up, None, facts::DEFAULT_SIZE);
         Navigation::new(&self.scene.robust_bounds(), &camera, up.into())
     }
 
