@@ -4,6 +4,7 @@ use super::layer::Bytes;
 use crate::error::{SceneError, wrong};
 use crate::input::{self, Source};
 use crate::sog::MAGIC;
+use std::io;
 use zip::CompressionMethod;
 
 /// Returns true if the bytes begin a ZIP archive whose first file is a layer.
@@ -12,6 +13,18 @@ pub(crate) fn begins_as_package(head: &[u8]) -> bool {
     let name = head.get(30..30 + length).unwrap_or_default().to_ascii_lowercase();
     let is_layer = [&b".usd"[..], b".usda", b".usdc"].iter().any(|end| name.ends_with(end));
     head.starts_with(MAGIC) && is_layer
+}
+
+/// Checks the checksum of the layer in an archive. Does nothing for other files.
+pub(super) fn check(source: &Source) -> Result<(), SceneError> {
+    if source.head(MAGIC.len())? != MAGIC {
+        return Ok(());
+    }
+    let mut zip = input::archive(source)?;
+    // The reader compares the checksum at the end of the file.
+    let read =
+        zip.by_index(0).map_err(io::Error::from).and_then(|mut file| io::copy(&mut file, &mut io::sink()));
+    read.map(drop).map_err(|error| wrong("zip", format!("expected an intact layer, found damage: {error}")))
 }
 
 /// Finds the bytes of the layer; in an archive, also returns the layer's name.

@@ -195,6 +195,7 @@ pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
 }
 
 pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
+    package::check(input.source)?;
     let (bytes, layer) = open(input.source, input.memory)?;
     let all = splats(&layer)?;
     let headers: Vec<_> = all.iter().map(Splats::header).collect();

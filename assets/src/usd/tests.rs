@@ -38,6 +38,11 @@ fn layers_of_openusd_have_the_places_that_it_computes() {
             assert_eq!(splat.opacity, opacity);
         }
     }
+    // A value in the middle of the layer, which no check of its structure covers.
+    let mut damaged = file("usdz");
+    let middle = damaged.len() / 2;
+    damaged[middle] ^= 4;
+    says(read(&damaged).unwrap_err().to_string(), "expected an intact layer, found damage: ");
     let [text, binary, package] = ["usda", "usdc", "usdz"].map(|end| read(&file(end)).unwrap());
     assert_eq!((text.identity(), binary.identity()), (binary.identity(), package.identity()));
 }
