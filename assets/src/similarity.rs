@@ -28,23 +28,26 @@ impl Similarity {
     /// Range of the scales that a file may have.
     pub(crate) const SCALES: RangeInclusive<f64> = 1e-9..=1e9;
 
-    /// Decomposes a matrix. Fails with a message if it skews, mirrors or projects, or if its numbers are out of range.
+    /// Decomposes a matrix. Fails with a message if it skews, mirrors or projects, or if its numbers are out of range,
+    /// such as a scale of 0.
     pub(crate) fn of_matrix(matrix: DMat4) -> Result<Self, &'static str> {
         const SKEWED: &str =
             "expected a rotation, a uniform scale and a translation, found a matrix that skews or mirrors";
+        const FAR: &str =
+            "expected a scale of 1e-9 to 1e9 and a translation of at most 1e18, found another number";
         if matrix == DMat4::IDENTITY {
             return Ok(Self::IDENTITY);
         }
         let linear = DMat3::from_mat4(matrix);
         let (scale, translation) = (linear.determinant().cbrt(), matrix.w_axis.truncate());
         let is_near = translation.to_array().iter().all(|v| v.abs() <= Self::FARTHEST);
-        if !Self::SCALES.contains(&scale) || !is_near {
-            return Err(SKEWED);
+        if !Self::SCALES.contains(&scale.abs()) || !is_near {
+            return Err(FAR);
         }
         let turn = linear * (1.0 / scale);
         let is_rotation = (turn * turn.transpose()).abs_diff_eq(DMat3::IDENTITY, TOLERANCE);
         let affine = matrix.row(3).abs_diff_eq(DVec4::W, 1e-12);
-        if !(is_rotation && affine) {
+        if !(scale > 0.0 && is_rotation && affine) {
             return Err(SKEWED);
         }
         Ok(Self { rotation: DQuat::from_mat3(&turn).normalize(), scale, translation })

@@ -199,6 +199,14 @@ fn what_is_not_drawn_is_refused_by_name() {
         "nodes[0]`: expected a rotation, a uniform scale",
     );
     says(
+        said(|document| document["nodes"][0]["scale"] = json!([-1.0, -1.0, -1.0])),
+        "found a matrix that skews or mirrors",
+    );
+    says(
+        said(|document| document["nodes"][0]["scale"] = json!([0.0, 0.0, 0.0])),
+        "nodes[0]`: expected a scale of 1e-9 to 1e9",
+    );
+    says(
         said(|document| document["buffers"][0]["uri"] = json!("https://example.org/a.bin")),
         "only files are read",
     );
