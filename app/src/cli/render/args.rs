@@ -1,6 +1,6 @@
 //! Defines the arguments of `splatgraph render`, and checks them before anything is loaded.
 
-use super::destination::{self, Destination, Output, per_camera, stem};
+use super::destination::{self, Destination, Output, in_folder, per_camera, stem};
 use crate::cli::cameras;
 use crate::cli::help;
 use crate::cli::job::ShardArgs;
@@ -11,7 +11,7 @@ use crate::cli::outcome::{self, Usage};
 use crate::cli::scenes::ScenesArgs;
 use crate::cli::stdout::Stdout;
 use crate::draw::backend::Api;
-use crate::draw::outputs::{NAMES, RGBA};
+use crate::draw::outputs::{NAMES, RGBA, check_format};
 use crate::draw::truth::rule_list;
 use crate::io::image::Format;
 use crate::io::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
@@ -52,7 +52,7 @@ pub struct Args {
         value_parser = OsStringValueParser::new().try_map(destination::output), long_help = destination::output_help()
     )]
     pub(super) output: Vec<Output>,
-    /// Format of the pictures in a folder [default: png]
+    /// Format of the files in a folder [default: png for pictures, npy for other outputs]
     #[arg(long, value_name = "png|exr|npy")]
     pub(super) format: Option<Format>,
     /// Background colour, display-encoded: 0 is black, 1 is white
@@ -194,6 +194,9 @@ pub fn prepare(args: &Args) -> Result<Work> {
     if args.picture()?.is_some_and(is_standard_output) {
         options::refuse_terminal("the picture")?;
     }
+    if destination.is_none() {
+        args.check_folder_formats()?;
+    }
     let files: Vec<(&str, &Path)> = args.files().collect();
     // Longest text around a camera's name in a file name: `.png`, or the rest of `keys-NAME.npy`.
     let around = files
@@ -227,8 +230,12 @@ pub fn prepare(args: &Args) -> Result<Work> {
             if let Some(destination) = &destination {
                 guard.output("--output", &destination.path(stem))?;
             }
-            for (option, file) in &files {
-                guard.output(option, &per_camera(file, stem, stems.len()))?;
+            for file in args.inspect.iter().filter_map(|request| request.file.as_deref()) {
+                guard.output("--inspect", &per_camera(file, Format::Npy, stem, stems.len()))?;
+            }
+            for (name, file) in args.named() {
+                let format = in_folder(name, args.format);
+                guard.output("--output", &per_camera(file, format, stem, stems.len()))?;
             }
         }
         Ok(())
@@ -333,6 +340,13 @@ impl Args {
             Output::Named(name, file) => Some((name.as_str(), file.as_path())),
             Output::Picture(_) => None,
         })
+    }
+
+    /// Checks that the outputs in folders can have the format of `--format`, for a command without pictures in a folder.
+    fn check_folder_formats(&self) -> Result<(), Usage> {
+        let Some(format) = self.format else { return Ok(()) };
+        let mut in_folders = self.named().filter(|(_, file)| names::ends_in_separator(file));
+        in_folders.try_for_each(|(name, _)| check_format(name, format)).map_err(Usage)
     }
 
     /// Returns the path of the picture; `None` without an `--output` for it. Fails if several are given.

@@ -11,6 +11,7 @@ use crate::draw::outputs::{self, Output, RGBA};
 use crate::draw::pictures::{self, Pictures};
 use crate::draw::session::{FrameOptions, Session, SessionError, image_of};
 use crate::draw::stats::CameraStats;
+use crate::io::image::Format;
 use crate::io::output::one_line;
 use crate::io::progress::Progress;
 use anyhow::{Context, Result, bail};
@@ -27,7 +28,7 @@ pub struct Batch {
     /// File or folder of the pictures; `None` if no picture is written.
     pub destination: Option<Destination>,
     /// Names and files of the outputs besides the picture; and the number of cameras.
-    files: (Vec<(String, PathBuf)>, usize),
+    files: (Vec<(String, PathBuf, Format)>, usize),
     background: [f32; 3],
     stdout: Stdout,
     flying: VecDeque<Flying>,
@@ -63,7 +64,7 @@ impl Batch {
     pub fn new(
         (jobs, keeps_stats): (usize, bool),
         destination: Option<Destination>,
-        files: (Vec<(String, PathBuf)>, usize),
+        files: (Vec<(String, PathBuf, Format)>, usize),
         background: [f32; 3],
         stdout: Stdout,
     ) -> Batch {
@@ -84,7 +85,7 @@ impl Batch {
 
     /// Returns true if a file needs the picture: its own, or that of [`RGBA`].
     pub fn reads_picture(&self) -> bool {
-        self.destination.is_some() || self.files.0.iter().any(|(name, _)| name == RGBA.0)
+        self.destination.is_some() || self.files.0.iter().any(|(name, ..)| name == RGBA.0)
     }
 
     /// Submits the only frame of a camera. The session must be prepared for the camera's size.
@@ -216,8 +217,10 @@ impl Batch {
         }
         self.blind += usize::from(stats.sees_nothing());
         let (files, cameras) = &self.files;
-        let files: Vec<(String, PathBuf)> =
-            files.iter().map(|(name, file)| (name.clone(), per_camera(file, &stem, *cameras))).collect();
+        let file = |(name, file, format): &(String, PathBuf, Format)| {
+            (name.clone(), per_camera(file, *format, &stem, *cameras))
+        };
+        let files: Vec<(String, PathBuf)> = files.iter().map(file).collect();
         stats.files = files.iter().map(|(name, file)| (name.clone(), text_of(file))).collect();
         let picture = self.destination.as_ref().map(|destination| destination.path(&stem));
         stats.files.extend(picture.map(|file| (PICTURE.to_owned(), text_of(&file))));

@@ -29,7 +29,7 @@ pub fn output(text: OsString) -> Result<Output, String> {
         return Ok(Output::Picture(text.into()));
     };
     let path = Path::new(file);
-    // In a folder, outputs are .npy, which all of them can be.
+    // The format in a folder depends on other options.
     let folder = Some(Format::Npy).filter(|_| names::ends_in_separator(path));
     let Some(format) = folder.or_else(|| Format::of(path)) else {
         return Err(format!(
@@ -53,8 +53,9 @@ Characters that a file name cannot have become `_`, and cameras with equal names
 `-` writes the picture of one camera to standard output, in the format of --format. Files are complete, or not written.
 
 NAME=FILE writes another output of the graph; may be repeated. (`./NAME=FILE` is a picture with that name.) With several
-cameras, the file's name gets the camera's: depth-CAMERA.npy. NAME=FOLDER/ writes FOLDER/CAMERA.npy. The built-in
-graphs have these outputs, defined in docs/splatting.md; quads (`splat`) have only the first three, and `rgba`:";
+cameras, the file's name gets the camera's: depth-CAMERA.npy. NAME=FOLDER/ writes FOLDER/CAMERA.npy, or in the format
+of --format if the output can have it. The built-in graphs have these outputs, defined in docs/splatting.md;
+quads (`splat`) have only the first three, and `rgba`:";
 
 /// Name of the picture among the files of a camera's statistics.
 pub const PICTURE: &str = "picture";
@@ -97,8 +98,10 @@ impl Destination {
             output.extension().filter(|_| !is_folder && !output.is_dir() && asked.is_none())
         {
             return Err(Usage(format!(
-                "expected the extension .png, .exr or .npy, found .{} (for a folder of that name, end it with a slash)",
-                extension.display()
+                "expected the extension .png, .exr or .npy, found .{} (for a folder of that name, end it with a slash); other \
+                 formats need an encoder: `-o - | ffmpeg -i - {}`",
+                extension.display(),
+                output.display()
             )));
         }
         Ok(Some(Destination::Folder(output.to_owned(), asked.unwrap_or(Format::Png))))
@@ -122,11 +125,17 @@ pub fn stem(file: &Path) -> std::borrow::Cow<'_, str> {
     file.file_stem().unwrap_or_default().to_string_lossy()
 }
 
-/// Names the file of a camera's output: `NAME.npy` in a folder, `keys-NAME.npy` for one of several cameras, or else
-/// `file`.
-pub fn per_camera(file: &Path, camera: &str, cameras: usize) -> PathBuf {
+/// Returns the format of an output's files in a folder: that of `--format` if the output can have it, otherwise .npy,
+/// which every output can have.
+pub fn in_folder(name: &str, asked: Option<Format>) -> Format {
+    asked.filter(|format| check_format(name, *format).is_ok()).unwrap_or(Format::Npy)
+}
+
+/// Names the file of a camera's output: `NAME.npy` in a folder, or in another `format`, `keys-NAME.npy` for one of
+/// several cameras, or else `file`.
+pub fn per_camera(file: &Path, format: Format, camera: &str, cameras: usize) -> PathBuf {
     if names::ends_in_separator(file) {
-        return file.join(format!("{camera}.npy"));
+        return file.join(format!("{camera}.{format}"));
     }
     if cameras == 1 {
         return file.to_owned();
@@ -197,10 +206,15 @@ mod tests {
     fn pictures_in_a_folder_are_named_after_their_photographs() {
         let folder = Destination::Folder("out".into(), Format::Exr);
         assert_eq!(folder.path("day 1_0007.jpg"), Path::new("out/day 1_0007.jpg.exr"));
-        assert_eq!(per_camera(Path::new("a/keys.npy"), "b.jpg", 2), Path::new("a/keys-b.jpg.npy"));
-        assert_eq!(per_camera(Path::new("a/keys.npy"), "b.jpg", 1), Path::new("a/keys.npy"));
+        let file = |path: &str, cameras| per_camera(Path::new(path), Format::Npy, "b.jpg", cameras);
+        assert_eq!(file("a/keys.npy", 2), Path::new("a/keys-b.jpg.npy"));
+        assert_eq!(file("a/keys.npy", 1), Path::new("a/keys.npy"));
         for cameras in [1, 2] {
-            assert_eq!(per_camera(Path::new("a/"), "b.jpg", cameras), Path::new("a/b.jpg.npy"));
+            assert_eq!(file("a/", cameras), Path::new("a/b.jpg.npy"));
+            assert_eq!(per_camera(Path::new("a/"), Format::Png, "b.jpg", cameras), Path::new("a/b.jpg.png"));
         }
+        let png = Some(Format::Png);
+        let found = [in_folder(RGBA.0, png), in_folder("depth", png), in_folder(RGBA.0, None)];
+        assert_eq!(found, [Format::Png, Format::Npy, Format::Npy]);
     }
 }

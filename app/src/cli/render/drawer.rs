@@ -2,7 +2,7 @@
 
 use super::args::{Args, Renderer, Work};
 use super::batch::Batch;
-use super::destination::{Destination, PICTURE, per_camera};
+use super::destination::{Destination, PICTURE, in_folder, per_camera};
 use super::frames::{self, Drawn};
 use crate::cli::cameras;
 use crate::cli::loading;
@@ -17,6 +17,7 @@ use crate::draw::session::{Session, draws_mesh};
 use crate::draw::stats::CPU_TIMES;
 use crate::draw::storage::Choice;
 use crate::draw::truth::{self, Truth, TruthStats};
+use crate::io::image::Format;
 use crate::io::output::{OutputGuard, one_line, say};
 use crate::io::progress::Progress;
 use anyhow::{Context, Result};
@@ -25,7 +26,7 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Projection, Scene};
 use splatgraph_reference::{KeyOf, Rules};
 use std::panic::resume_unwind;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::thread;
@@ -151,8 +152,9 @@ impl Drawer {
         let choice = session.choose_storage(limit, size);
         let choice = choice.map_err(|error| args.scenes.too_large(error, limit, &mut session, size))?;
         choice.iter().filter(|choice| limit.is_some() || choice.set.is_some()).for_each(say);
-        let files: Vec<(String, PathBuf)> =
-            args.named().map(|(name, file)| (name.to_owned(), file.to_owned())).collect();
+        let file =
+            |(name, file): (&str, &Path)| (name.to_owned(), file.to_owned(), in_folder(name, args.format));
+        let files: Vec<(String, PathBuf, Format)> = args.named().map(file).collect();
         let (jobs, files) = ((options::jobs(args.jobs), args.json.is_some()), (files, loaded.cameras.len()));
         let batch = Batch::new(jobs, work.destination.clone(), files, args.background, args.stdout());
         let with =
@@ -288,7 +290,7 @@ fn draw(
     for (finding, inspect_request) in inspected {
         progress.suspend(|| args.stdout().line(&finding.text()))?;
         if let Some(file) = &args.inspect[inspect_request].file {
-            finding.save(&per_camera(file, stem, cameras))?;
+            finding.save(&per_camera(file, Format::Npy, stem, cameras))?;
         }
     }
     Ok(())
@@ -342,7 +344,7 @@ fn draw_exactly(
         let source = truth.output(outputs::source_of(name));
         let output = outputs::named(name, source.as_ref(), Some(&image), args.background);
         let output = output.with_context(|| format!("the exact renderer has no output `{name}`"))?;
-        let path = per_camera(file, stem, cameras);
+        let path = per_camera(file, in_folder(name, args.format), stem, cameras);
         output.save(&path)?;
         truth.stats.files.insert(name.into(), options::text_of(&path));
     }

@@ -1,7 +1,7 @@
 //! Shares the views of a rendering among several processes.
 
 use super::args::{Args, Work, prepare};
-use super::destination::{Destination, per_camera};
+use super::destination::{Destination, in_folder, per_camera};
 use super::drawer::{Drawer, Loaded};
 use crate::cli::job::{self, Origin};
 use crate::cli::outcome::Usage;
@@ -60,7 +60,10 @@ impl job::Work for Views {
         let views = self.work.stems.clone();
         let files = |stem: &String| {
             let picture = self.work.destination.as_ref().map(|destination| destination.path(stem));
-            let named = self.args.named().map(|(_, file)| per_camera(file, stem, views.len()));
+            let named = self
+                .args
+                .named()
+                .map(|(name, file)| per_camera(file, in_folder(name, self.args.format), stem, views.len()));
             picture.into_iter().chain(named).map(|file| relative(&file, &self.folder)).collect()
         };
         let files = views.iter().map(files).collect();
