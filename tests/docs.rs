@@ -318,6 +318,7 @@ fn the_fields_of_output_files_are_those_that_the_program_writes() {
         ("render", "render SMALL --backend reference -o b.png --json=x.json", "x.json"),
         ("evaluate", "evaluate s.ply -c ds --json=e.json", "e.json"),
         ("convert", "convert SMALL --price --json=p.json", "p.json"),
+        ("convert", "convert s.ply o.spz --json=o.json", "o.json"),
         ("advise", "advise QUICK --psnr 20 --json=v.json", "v.json"),
         ("popping", "popping s.ply -p splat --frames 2 --json=q.json -o .", "q.json popping.csv"),
         ("trade", "trade QUICK --only defaults -o t", "t/ledger.json t/ledger.csv"),

@@ -103,11 +103,48 @@ fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
             ("scene.ply ./scene.ply", 2, "would overwrite the scene"),
             ("- out.spz", 2, "expected a file as the scene, found `-`: standard input is not read"),
             ("cameras.json out.spz", 1, "), found JSON text"),
-            ("scene.ply out.ply --json=prices.json", 2, "expected --price with --json, found none"),
+            ("scene.ply out.sog --format spz", 2, "--format differs from the extension of out.sog"),
+            ("scene.ply out --format spz --format sog", 2, "expected one --format for out, found several"),
+            ("scene.ply out.ply --where 'opacity > 2'", 1, "expected --crop and --where to keep a splat"),
             ("scene.ply out.ply -c none.json", 2, "expected --price with --cameras, found none"),
             ("scene.ply out.ply --size 9x9", 2, "expected --price with --size, found none"),
         ],
     );
+}
+
+#[test]
+fn losses_are_listed_for_each_scene_and_may_be_refused() {
+    let place = Place::demo(300);
+    let whole = std::fs::read(place.at("scene.ply")).expect("a scene");
+    let replaced = |from: &str, to: &str| {
+        let at = whole.windows(from.len()).position(|bytes| bytes == from.as_bytes()).expect("it is there");
+        [&whole[..at], to.as_bytes(), &whole[at + from.len()..]].concat()
+    };
+    let owned = "element vertex 300\ncomment Copyright ACME 2026\nobj_info by Jane";
+    place.write("owned.ply", replaced("element vertex 300", owned));
+    place.write("short.ply", replaced("element vertex 300", "element vertex 100"));
+    let words = "comments: `Copyright ACME 2026`, `by Jane`\n";
+    assert!(place.done("convert owned.ply out.ply").contains(&format!("  lost: {words}")));
+    assert!(place.done("info owned.ply").contains("    Copyright ACME 2026\n"));
+    let (told, errors) = place.said("convert short.ply out.ply --merge owned.ply");
+    // Rows of degree 3 have 62 floats.
+    let after = "49,600 bytes after the last row that the header declares\n";
+    assert!(told.contains(&format!("  lost: short.ply: {after}")), "{told}");
+    assert!(errors.contains(&format!("short.ply: not read: {after}")), "{errors}");
+    assert!(told.contains(&format!("  lost: owned.ply: {words}")), "{told}");
+    let refused = place.fails("convert owned.ply strict.spz --strict", 1);
+    assert!(refused.contains("expected no losses with --strict, found comments: "), "{refused}");
+    assert!(!place.at("strict.spz").exists());
+    place.done("convert scene.ply strict.spz --strict --degree 0");
+    let losses = place.told("convert owned.ply out.spz --degree 0 --json");
+    assert_eq!(losses["losses"], serde_json::json!([words.trim_end()]));
+    assert_eq!(losses["chosen_losses"][0], "harmonics: cut from degree 3 to 0");
+    assert_eq!((&losses["splats"], &losses["original_splats"]), (&300.into(), &300.into()));
+    let prices = place.told("convert owned.ply --price --size 16x9 --format splat --format spz --json");
+    let formats: Vec<_> =
+        prices["prices"].as_array().expect("a list").iter().map(|row| &row["format"]).collect();
+    assert_eq!(formats, ["splat", "spz, version 3", "spz, version 4"]);
+    assert_eq!(prices["losses"], losses["losses"]);
 }
 
 #[test]

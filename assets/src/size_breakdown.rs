@@ -16,6 +16,9 @@ pub struct SizeBreakdown {
     pub elements: Vec<ElementSize>,
     /// All other bytes; in PLY, the bytes after the last row.
     pub trailing_bytes: u64,
+    /// What the file says about itself, apart from tags: the comments of a PLY, and the copyright of a glTF.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub comments: Vec<String>,
     /// True for a scene that was loaded from one SOG.
     #[serde(skip)]
     pub(crate) is_whole_sog: bool,
@@ -61,7 +64,12 @@ impl SizeBreakdown {
     ) -> Self {
         let trailing_bytes =
             file_bytes - header_bytes - elements.iter().map(|element| element.bytes).sum::<u64>();
-        Self { format, file_bytes, header_bytes, elements, trailing_bytes, is_whole_sog: false }
+        Self { format, file_bytes, header_bytes, elements, trailing_bytes, ..Self::default() }
+    }
+
+    /// Adds what the file says about itself.
+    pub(crate) fn with_comments(self, comments: Vec<String>) -> Self {
+        Self { comments, ..self }
     }
 
     /// Sums header, elements and trailing bytes, which gives the file's size.
@@ -137,6 +145,9 @@ impl fmt::Display for SizeBreakdown {
             };
         writeln!(f, "{}, {} bytes", self.format, grouped(self.file_bytes))?;
         line(f, "header", "", "", self.header_bytes, "")?;
+        for comment in &self.comments {
+            writeln!(f, "    {comment}")?;
+        }
         for element in &self.elements {
             writeln!(f, "  {}: {} rows", element.name, grouped(element.rows))?;
             for run in runs(&element.fields) {

@@ -91,6 +91,9 @@ pub fn load_any_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> 
                 path.display()
             ));
         }
+        if let Some(data) = scene_file::after_rows(scene) {
+            say(format!("{}: not read: {data}", path.display()));
+        }
         tell_mixed_tags(&path.display().to_string(), scene);
     }
     Ok(content)

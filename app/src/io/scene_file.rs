@@ -112,6 +112,21 @@ pub struct Original {
     norms: QuaternionNorms,
     /// Names the properties and elements that are not read; `None` if there are none.
     unread: Option<String>,
+    /// Describes the data after the last row; `None` if there is none.
+    after_rows: Option<String>,
+    /// What the file says about itself, which no format keeps.
+    comments: Vec<String>,
+}
+
+/// Data of a scene, or of several merged ones, that a written file lacks. Each loss is a phrase.
+#[derive(Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Losses {
+    /// Losses due to the contents of the scenes, such as dropped splats.
+    pub losses: Vec<String>,
+    /// Losses due to the choice of the format and of the degree: values that are rounded or clipped.
+    pub chosen_losses: Vec<String>,
+    /// Losses that no picture shows, but training that continues from the file may.
+    pub invisible_losses: Vec<String>,
 }
 
 /// Opacity (logit 9.9) above which rounding to f32 can change the logit by almost 0.001.
@@ -121,7 +136,8 @@ const NEARLY_OPAQUE: f32 = 0.99995;
 const NAMED: usize = 8;
 
 /// Names the file's properties and elements that are not read; `None` if there are none. Normals do not count, because
-/// writers of splats fill them with zeros, nor do harmonics above degree 3, which are reported elsewhere.
+/// writers of splats fill them with zeros, nor do the points' colours of glTF, which repeat band 0, nor harmonics above
+/// degree 3, which are reported elsewhere.
 fn unread(breakdown: &SizeBreakdown) -> Option<String> {
     let mut names = Vec::new();
     for element in &breakdown.elements {
@@ -130,7 +146,8 @@ fn unread(breakdown: &SizeBreakdown) -> Option<String> {
         if !unused.is_empty() && unused.len() == element.fields.len() {
             names.push(format!("element {}", element.name));
         } else {
-            let is_listed = |name: &&str| !["nx", "ny", "nz"].contains(name) && !name.starts_with("f_rest_");
+            let is_listed =
+                |name: &&str| !["nx", "ny", "nz", "COLOR_0"].contains(name) && !name.starts_with("f_rest_");
             let others = unused.into_iter().filter(is_listed);
             names.extend(others.map(str::to_owned));
         }
@@ -158,6 +175,16 @@ pub fn skipped(scene: &Scene) -> Option<String> {
     let fields = splats.flat_map(|element| &element.fields).filter(|field| !field.used);
     let others = fields.filter(|field| !field.name.split('_').any(|word| HARMLESS.contains(&word)));
     listed(&others.map(|field| field.name.clone()).collect::<Vec<_>>())
+}
+
+/// Describes the data after the last row of a PLY file, such as splats that its header does not count; `None` if there
+/// is none. Less than half a row is padding or blank lines.
+pub fn after_rows(scene: &Scene) -> Option<String> {
+    let SizeBreakdown { format, elements, trailing_bytes, .. } = scene.size_breakdown();
+    let vertex = elements.iter().find(|element| element.name == "vertex" && format.contains("ply"))?;
+    let is_padding = 2 * trailing_bytes * vertex.rows < vertex.bytes;
+    (*trailing_bytes > 0 && !is_padding)
+        .then(|| format!("{} bytes after the last row that the header declares", grouped(*trailing_bytes)))
 }
 
 /// Describes the steps of positions if they are larger than the splats or, in SPZ, than usual, and what to do.
@@ -306,6 +333,11 @@ fn clipped(scene: &Scene, format: SceneFormat) -> Vec<String> {
 
 /// Lists what a file of a scene lacks, one phrase per loss, except for the rounding that the format always does.
 pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
+    [not_stored(scene, format), clipped(scene, format)].concat()
+}
+
+/// Lists what a file of a scene lacks besides the values that the format rounds or clips, one phrase per loss.
+fn not_stored(scene: &Scene, format: SceneFormat) -> Vec<String> {
     let mut losses = Vec::new();
     let kept = format.kept_tags(scene.notes()).tags();
     let lost = scene.notes().tags().into_iter().filter(|tag| !kept.contains(tag));
@@ -332,7 +364,6 @@ pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
         losses.push(format!("positions: rounded to 32 bits{by}, by {rounding:.1e} at most{advice}"));
     }
     losses.extend(coarse_positions(scene, format));
-    losses.extend(clipped(scene, format));
     if let Some(mesh) = scene.mesh() {
         losses.push(format!("the mesh: {} triangles", grouped(mesh.triangles.len() as u64)));
     }
@@ -352,11 +383,20 @@ impl Original {
             notes: scene.notes(),
             norms: scene.quaternion_norms(),
             unread: unread(breakdown),
+            after_rows: after_rows(scene),
+            comments: breakdown.comments.iter().map(|comment| format!("`{comment}`")).collect(),
         }
     }
 
     /// Lists what a file of `written` lacks compared with the original, one phrase per loss.
     pub fn losses(&self, written: &Scene, format: SceneFormat) -> Vec<String> {
+        let Losses { mut losses, chosen_losses, .. } = Losses::of(&[("", self)], written, format);
+        losses.extend(chosen_losses);
+        losses
+    }
+
+    /// Lists the data of the file that the loaded scene lacks.
+    fn not_loaded(&self) -> Vec<String> {
         let mut losses = Vec::new();
         let dropped = &self.dropped;
         if dropped.total() > 0 {
@@ -367,44 +407,65 @@ impl Original {
         }
         losses.extend(self.notes.left_out());
         losses.extend(self.unread.clone());
-        let (from, to) = (self.degree, written.stored_degree());
-        if to < from {
-            losses.push(format!("harmonics: cut from degree {from} to {to}"));
-        }
-        losses.extend(missing(written, format));
-        let rounded = format.losses(to);
-        // The actual step replaces the description of the format's steps.
-        let positions = losses.iter().any(|loss| loss.starts_with("positions: steps"));
-        let usual = rounded.into_iter().filter(|usual| !(positions && usual.starts_with("positions:")));
-        losses.extend(usual.map(str::to_owned));
+        losses.extend(self.after_rows.clone());
+        losses.extend(listed(&self.comments).map(|comments| format!("comments: {comments}")));
         losses
     }
 
-    /// Lists losses that no picture shows, but training that continues from the file may: activation rounds values that
-    /// the format could store. Empty for a format that rounds all values.
-    pub fn invisible(&self, written: &Scene, format: SceneFormat) -> Vec<String> {
-        let mut losses = Vec::new();
-        if !format.losses(written.stored_degree()).is_empty() {
-            return losses;
-        }
+    /// Describes the quaternions whose lengths a file without rounding lacks; `None` if there are none.
+    fn lengths(&self) -> Option<String> {
         let QuaternionNorms { min, max, far_from_unit } = self.norms;
-        if far_from_unit > 0 {
-            let count = grouped(far_from_unit);
-            losses.push(format!(
-                "the lengths of quaternions: {count} other than 1, in a range of {} to {}",
-                rounded(min),
-                rounded(max)
-            ));
-        }
-        let nearly = written.opacities().iter().filter(|opacity| **opacity > NEARLY_OPAQUE).count() as u64;
-        if nearly > 0 && self.format.starts_with("ply,") {
-            losses.push(format!(
-                "logits above 9.9, in {}: rounded to those of opacities in 32 bits, at most 18",
-                splats(nearly)
-            ));
-        }
-        losses
+        (far_from_unit > 0).then(|| {
+            let (count, min, max) = (grouped(far_from_unit), rounded(min), rounded(max));
+            format!("the lengths of quaternions: {count} other than 1, in a range of {min} to {max}")
+        })
     }
+}
+
+impl Losses {
+    /// Collects what a file of `written` lacks compared with the original scenes. With several, the name of the scene
+    /// precedes a loss of one.
+    pub fn of(originals: &[(&str, &Original)], written: &Scene, format: SceneFormat) -> Losses {
+        let mut losses = not_loaded(originals);
+        let to = written.stored_degree();
+        losses.extend(not_stored(written, format));
+        // The actual step replaces the description of the format's steps.
+        let positions = losses.iter().any(|loss| loss.starts_with("positions: steps"));
+        let rounded = format.losses(to);
+        let usual = rounded.iter().filter(|usual| !(positions && usual.starts_with("positions:")));
+        let from = originals.iter().map(|(_, original)| original.degree).max().unwrap_or(to);
+        let cut = (to < from).then(|| format!("harmonics: cut from degree {from} to {to}"));
+        let usual = usual.map(|usual| (*usual).to_owned());
+        let chosen_losses = cut.into_iter().chain(clipped(written, format)).chain(usual).collect();
+        let mut invisible_losses = Vec::new();
+        // Activation rounds values that a format without rounding could store.
+        if rounded.is_empty() {
+            invisible_losses = named(originals, |original| original.lengths().into_iter().collect());
+            let nearly =
+                written.opacities().iter().filter(|opacity| **opacity > NEARLY_OPAQUE).count() as u64;
+            if nearly > 0 && originals.iter().any(|(_, original)| original.format.starts_with("ply,")) {
+                invisible_losses.push(format!(
+                    "logits above 9.9, in {}: rounded to those of opacities in 32 bits, at most 18",
+                    splats(nearly)
+                ));
+            }
+        }
+        Losses { losses, chosen_losses, invisible_losses }
+    }
+}
+
+/// Lists the data of several files that their loaded scenes lack.
+pub fn not_loaded(originals: &[(&str, &Original)]) -> Vec<String> {
+    named(originals, Original::not_loaded)
+}
+
+/// Lists losses of each scene, after its name if there are several scenes.
+fn named(originals: &[(&str, &Original)], of: impl Fn(&Original) -> Vec<String>) -> Vec<String> {
+    let prefixed = |(name, original): &(&str, &Original)| {
+        let name = if originals.len() > 1 { format!("{name}: ") } else { String::new() };
+        of(original).into_iter().map(move |loss| format!("{name}{loss}")).collect::<Vec<_>>()
+    };
+    originals.iter().flat_map(prefixed).collect()
 }
 
 #[cfg(test)]

@@ -52,7 +52,7 @@ pub struct Measured {
     pub scores: Evaluation,
 }
 
-/// Writes the scene in every format, reads it back, and compares its exact pictures with those of `truth`, or of the
+/// Writes the scene in each of `formats`, reads it back, and compares its exact pictures with those of `truth`, or of the
 /// scene itself.
 ///
 /// Cameras are in the world's coordinates, because the files can have other offsets than the scene. A format that loses
@@ -62,13 +62,18 @@ pub struct Measured {
 /// # Errors
 /// A picture, a file or a second scene does not fit in memory, a written file cannot be read, or its pictures have values
 /// that are not finite.
-pub fn measure(scene: Scene, truth: Option<Scene>, cameras: &[Camera]) -> Result<Vec<Price>> {
+pub fn measure(
+    scene: Scene,
+    truth: Option<Scene>,
+    cameras: &[Camera],
+    formats: &[SceneFormat],
+) -> Result<Vec<Price>> {
     let (scene, truth) = (&scene.with_mesh(None), truth.map(|truth| truth.with_mesh(None)));
     let mut file = Vec::new();
     reserve(scene, &mut file)?;
     let views = pictures(truth.as_ref().unwrap_or(scene), cameras)?;
     drop(truth);
-    let versions = SceneFormat::WRITTEN.into_iter().flat_map(|format| match format {
+    let versions = formats.iter().copied().flat_map(|format| match format {
         SceneFormat::Spz => vec![(format, Some(SpzVersion::V3)), (format, Some(SpzVersion::V4))],
         _ => vec![(format, None)],
     });
@@ -161,7 +166,12 @@ mod tests {
         let camera = Camera::framing(&scene, 32, 24);
         let far = [1e7, 0.0, 0.0];
         let cameras = [camera.in_world(far)];
-        let prices = measure(scene.with_offset(far).with_mesh(Some(synth::mesh().into())), None, &cameras);
+        let prices = measure(
+            scene.with_offset(far).with_mesh(Some(synth::mesh().into())),
+            None,
+            &cameras,
+            &[SceneFormat::Ply, SceneFormat::Spz],
+        );
         let prices = prices.expect("prices");
         let json = serde_json::to_value(&prices).expect("JSON");
         let spz = json.as_array().expect("a list").iter().find(|price| price["format"] == "spz, version 4");
@@ -177,14 +187,15 @@ mod tests {
         let camera = Camera::framing(&scene, 64, 48);
         let cut = scene.cut_to_degree(0).expect("it fits in memory");
         let whole = scene.cut_to_degree(3).expect("it fits in memory");
-        let prices = measure(scene, None, std::slice::from_ref(&camera)).expect("prices");
+        let prices =
+            measure(scene, None, std::slice::from_ref(&camera), &SceneFormat::WRITTEN).expect("prices");
         assert_eq!(prices.len(), SceneFormat::WRITTEN.len() + 1);
         let of = |name: &str| measured(&prices, name);
         let db = |name: &str| of(name).least_psnr_db.unwrap_or(f64::INFINITY);
         assert!(db("ply") > 90.0, "{}", db("ply"));
         assert!(db("splat") < db("ply") && of("splat").bytes == 32 * 300);
         assert_eq!(of("spz, version 3").least_psnr_db, of("spz, version 4").least_psnr_db);
-        let prices = measure(cut, Some(whole), &[camera]).expect("prices");
+        let prices = measure(cut, Some(whole), &[camera], &[SceneFormat::Ply]).expect("prices");
         let db = measured(&prices, "ply").least_psnr_db;
         assert!(db.is_some_and(|db| db < 60.0), "the bands that were cut count as error: {db:?}");
     }

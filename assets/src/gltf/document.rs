@@ -29,6 +29,7 @@ pub(super) fn item<'a, T>(items: &'a [T], index: usize, of: &str) -> Result<&'a 
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Document {
+    pub asset: Asset,
     extensions_required: Vec<String>,
     scene: Option<usize>,
     scenes: Vec<Roots>,
@@ -39,6 +40,12 @@ pub(super) struct Document {
     pub accessors: Vec<Accessor>,
     pub buffer_views: Vec<BufferView>,
     pub buffers: Vec<Buffer>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Asset {
+    pub copyright: Option<String>,
 }
 
 #[derive(Debug, Default, Deserialize)]

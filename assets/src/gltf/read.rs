@@ -92,10 +92,20 @@ fn primitive(
         let name = name.trim_start_matches(SPLATTING).trim_start_matches(':');
         FieldSize::column(name, column.component.scalar.name(), column.table.width as u64, count)
     });
+    let is_other = |(name, _): &(&String, &usize)| !names.contains(name);
+    let others = splats.primitive.attributes.iter().filter(is_other);
+    let others = others.filter_map(|(name, index)| unread(container, name, *index));
     let cut_degree = (file_degree > 3).then_some(file_degree);
     let notes = FileNotes { cut_degree, ..FileNotes::default() };
     let scene = input::finish(filled, count, SizeBreakdown::default(), notes)?;
-    Ok((scene.with_offset(transform.offset()), fields.collect()))
+    Ok((scene.with_offset(transform.offset()), fields.chain(others).collect()))
+}
+
+/// Measures an attribute that is not read; `None` for one that only other programs understand.
+fn unread(container: &Container, name: &str, index: usize) -> Option<FieldSize> {
+    let column = (1..=4).find_map(|width| Column::open(container, name, index, width).ok())?;
+    let kind = column.component.scalar.name();
+    Some(FieldSize { used: false, ..FieldSize::column(name, kind, column.table.width as u64, column.count) })
 }
 
 /// Converts the row of each column to a splat; also returns the length of its quaternion.
@@ -175,7 +185,8 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
         scenes.push(scene.with_notes(notes));
     }
     let scene = Scene::of_one_file(scenes)?;
-    let Container { file_bytes, header_bytes, encoding_bytes, .. } = container;
+    let Container { file_bytes, header_bytes, encoding_bytes, .. } = &container;
+    let (file_bytes, header_bytes, encoding_bytes) = (*file_bytes, *header_bytes, *encoding_bytes);
     let within = file_bytes - header_bytes - encoding_bytes;
     // Values can share bytes. Then only their total is known.
     if fields.iter().map(|field| field.bytes).sum::<u64>() > within {
@@ -187,7 +198,9 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     let rows = u64::from(scene.count()) + scene.dropped().total();
     let values = ElementSize::new("splats", rows, fields);
     let format = "gltf, KHR_gaussian_splatting".into();
-    let breakdown = SizeBreakdown::new(format, file_bytes, header_bytes, vec![values]);
+    let copyright = container.document.asset.copyright.iter().map(|owner| format!("copyright {owner}"));
+    let breakdown =
+        SizeBreakdown::new(format, file_bytes, header_bytes, vec![values]).with_comments(copyright.collect());
     let notes = FileNotes { mesh_primitives, ..scene.notes() };
     Ok(scene.with_notes(notes).with_breakdown(breakdown))
 }

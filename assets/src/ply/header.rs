@@ -133,6 +133,8 @@ pub(crate) struct Header {
     pub lines: u32,
     /// Drawing rules, read from the tags in the header's `comment` lines.
     pub notes: FileNotes,
+    /// The comments that are no tags.
+    pub comments: Vec<String>,
 }
 
 impl Header {
@@ -147,7 +149,7 @@ impl Header {
     pub(crate) fn parse(bytes: &[u8]) -> Result<Self, SceneError> {
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
-        let mut notes = FileNotes::default();
+        let (mut notes, mut comments) = (FileNotes::default(), Vec::new());
         let mut at = 0;
         let mut number = 0;
         loop {
@@ -172,8 +174,9 @@ impl Header {
             let words: Vec<&str> = text.split_ascii_whitespace().collect();
             let fail = |message: String| wrong_line(number, &message);
             match words.as_slice() {
-                [] | ["obj_info", ..] => {}
-                ["comment", comment @ ..] => tags::read(comment, &mut notes)?,
+                [] | ["comment" | "obj_info"] => {}
+                ["comment", comment @ ..] if tags::read(comment, &mut notes)? => {}
+                ["comment" | "obj_info", comment @ ..] => comments.push(comment.join(" ")),
                 ["ply"] if number == 1 => {}
                 ["format", name, version] => {
                     if encoding.is_some() {
@@ -216,7 +219,7 @@ impl Header {
                 }
                 ["end_header"] => {
                     let encoding = encoding.ok_or_else(|| fail("no `format` line before the end".into()))?;
-                    return Ok(Self { encoding, elements, bytes: at, lines: number, notes });
+                    return Ok(Self { encoding, elements, bytes: at, lines: number, notes, comments });
                 }
                 _ => {
                     let shown: String = text.trim_end().chars().take(60).collect();
@@ -279,7 +282,7 @@ mod tests {
         let header = Header::parse(text.as_bytes()).unwrap();
         assert_eq!(header.encoding, Encoding::BigEndian);
         assert_eq!(header.bytes, text.len() - 1);
-        assert_eq!(header.lines, 9);
+        assert_eq!((header.lines, header.comments), (9, vec!["made by hand".to_owned(), "x".to_owned()]));
         assert_eq!((header.elements[0].count, header.elements[0].stride()), (7, Some(4)));
         assert_eq!((header.elements[1].line, header.elements[1].stride()), (7, None));
     }

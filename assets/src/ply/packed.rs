@@ -136,7 +136,8 @@ impl Packed {
         })?;
         let length = input.source.length();
         let format = "PlayCanvas compressed ply".into();
-        let size_breakdown = SizeBreakdown::new(format, length, header.bytes as u64, elements);
+        let size_breakdown = SizeBreakdown::new(format, length, header.bytes as u64, elements)
+            .with_comments(header.comments.clone());
         let notes = FileNotes { cut_degree: self.harmonics.cut_degree, ..header.notes };
         input::finish(filled, count, size_breakdown, notes)
     }

@@ -75,7 +75,8 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     };
     let length = input.source.length();
     let format = format!("ply, {}", header.encoding.name());
-    let size_breakdown = SizeBreakdown::new(format, length, header.bytes as u64, elements);
+    let size_breakdown = SizeBreakdown::new(format, length, header.bytes as u64, elements)
+        .with_comments(header.comments.clone());
     Ok(input::finish(filled, count, size_breakdown, layout.notes(header.notes))?.with_offset(origin))
 }
 

@@ -28,8 +28,8 @@ fn up(words: &[&str]) -> Option<[f64; 3]> {
     }
 }
 
-/// Reads the words of a comment. Ignores comments that are not tags; fails if the splats are 2D Gaussians.
-pub(super) fn read(comment: &[&str], notes: &mut FileNotes) -> Result<(), SceneError> {
+/// Reads the words of a comment. Returns false if it is no tag; fails if the splats are 2D Gaussians.
+pub(super) fn read(comment: &[&str], notes: &mut FileNotes) -> Result<bool, SceneError> {
     let words: Vec<String> = comment.iter().map(|word| word.to_ascii_lowercase()).collect();
     match words.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
         ["splatrendermode:", "default"] | ["antialiased", "0"] => notes.low_pass = Filter::Dilated,
@@ -37,9 +37,9 @@ pub(super) fn read(comment: &[&str], notes: &mut FileNotes) -> Result<(), SceneE
         ["splatrendermode:", "2dgs"] => return Err(SceneError::SURFELS),
         ["antialiased", "1"] => notes.low_pass = Filter::Compensated,
         ["vertical", "axis:", axis @ ..] => notes.up = up(axis).or(notes.up),
-        _ => {}
+        _ => return Ok(false),
     }
-    Ok(())
+    Ok(true)
 }
 
 /// Formats the comments for the tags that PLY can store; empty for a scene without tags.
@@ -62,9 +62,9 @@ mod tests {
 
     fn notes(comments: &[&str]) -> Result<FileNotes, SceneError> {
         let mut notes = FileNotes::default();
-        comments
-            .iter()
-            .try_for_each(|text| read(&text.split_ascii_whitespace().collect::<Vec<_>>(), &mut notes))?;
+        comments.iter().try_for_each(|text| {
+            read(&text.split_ascii_whitespace().collect::<Vec<_>>(), &mut notes).map(drop)
+        })?;
         Ok(notes)
     }
 

@@ -5,8 +5,8 @@ use crate::cli::outcome::Usage;
 use crate::draw::splat_set::SplatSet;
 use crate::io::load::LoadOptions;
 use crate::io::output::say;
-use crate::io::scene_file;
-use anyhow::Result;
+use crate::io::scene_file::{self, Original};
+use anyhow::{Result, bail};
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use splatgraph_assets::{SH_C0, Scene, Similarity};
@@ -177,21 +177,17 @@ impl EditArgs {
         self.lists().next().is_some() || self.crop.is_some() || self.condition.is_some()
     }
 
-    /// Appends the scenes of `--merge`. Also returns the size of all files, in bytes.
+    /// Appends the scenes of `--merge`. Also returns what is compared of each scene, in their order.
     ///
     /// # Errors
     /// A scene cannot be loaded, or does not fit in memory.
-    pub fn merged(&self, scene: Scene, load: &LoadOptions) -> Result<(Scene, u64)> {
-        let bytes = |scene: &Scene| scene.size_breakdown().file_bytes;
-        if self.merge.is_empty() {
-            let bytes = bytes(&scene);
-            return Ok((scene, bytes));
-        }
+    pub fn merged(&self, scene: Scene, load: &LoadOptions) -> Result<(Scene, Vec<Original>)> {
         let mut all = vec![scene];
         for path in &self.merge {
             all.push(loading::load_scene(path, load)?);
         }
-        Ok((Scene::joined(&all)?, all.iter().map(bytes).sum()))
+        let originals = all.iter().map(Original::of).collect();
+        Ok((if all.len() == 1 { all.remove(0) } else { Scene::joined(&all)? }, originals))
     }
 
     /// Copies the merged scene with all its splats, and applies `--transform`; `None` if no option leaves splats out.
@@ -225,10 +221,7 @@ impl EditArgs {
             let removed = self.remove.as_ref().map_or_else(|| Ok(SplatSet::default()), read)?;
             let left = kept.without(&removed);
             if left.is_empty() {
-                return Err(Usage(format!(
-                    "expected --keep and --remove to leave a splat, found none left of {count}"
-                ))
-                .into());
+                bail!("expected --keep and --remove to leave a splat, found none left of {count}");
             }
             scene = scene.picked(&left.indices())?;
         }
@@ -236,11 +229,7 @@ impl EditArgs {
             let moved = scene.transformed(&self.similarity())?;
             let lost = moved.dropped().since(scene.dropped());
             if moved.count() == 0 {
-                return Err(Usage(format!(
-                    "expected --transform to leave a splat, found none left of {}: {lost}",
-                    scene.count()
-                ))
-                .into());
+                bail!("expected --transform to leave a splat, found none left of {}: {lost}", scene.count());
             }
             if lost.total() > 0 {
                 say(format!("--transform: {} dropped ({lost})", scene_file::splats(lost.total())));
@@ -259,12 +248,11 @@ impl EditArgs {
                 (0..scene.count()).into_par_iter().map(kept).collect();
             let kept: Vec<u32> = kept?.into_iter().flatten().collect();
             if kept.is_empty() {
-                return Err(Usage(format!(
+                bail!(
                     "expected --crop and --where to keep a splat, found none kept of {}, which are in the box {}",
                     scene.count(),
                     scene.bounds().in_world(scene.offset())
-                ))
-                .into());
+                );
             }
             if kept.len() < scene.count() as usize {
                 scene = scene.picked(&kept)?;

@@ -10,11 +10,12 @@ use super::stdout::Stdout;
 use crate::io::load::LoadOptions;
 use crate::io::output::{OutputGuard, is_standard_output};
 use crate::io::progress::Progress;
-use crate::io::scene_file::{self, Original};
-use anyhow::Result;
+use crate::io::scene_file::{self, Losses, Original};
+use anyhow::{Result, bail};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use edit::EditArgs;
 use price::PriceArgs;
+use serde_json::json;
 use splatgraph_assets::{SceneFormat, SpzVersion, grouped};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -43,15 +44,21 @@ pub struct Args {
     /// The file to write; `-` is standard output
     #[arg(value_name = "OUT", required_unless_present = "price")]
     output: Option<PathBuf>,
-    /// Format of OUT [default: by its extension]
+    /// Format of OUT [default: by its extension], or one of --price, which may be repeated [default: all]
     #[arg(long, value_parser = formats())]
-    format: Option<SceneFormat>,
+    format: Vec<SceneFormat>,
     /// Drop the spherical harmonics above this degree
     #[arg(long, value_name = "0..3", value_parser = clap::value_parser!(u32).range(0..=3))]
     degree: Option<u32>,
     /// Version of SPZ [default: 4]
     #[arg(long, value_name = "3|4", value_parser = clap::value_parser!(u8).range(3..=4))]
     spz_version: Option<u8>,
+    /// Fail, and write nothing, if the contents of the scene lose more than the chosen format and degree imply
+    ///
+    /// Such losses are splats that cannot be drawn, a mesh, properties, tags and comments, for instance: `losses` of
+    /// --json.
+    #[arg(long, conflicts_with = "price")]
+    strict: bool,
     #[command(flatten)]
     price: PriceArgs,
     #[command(flatten)]
@@ -89,9 +96,13 @@ pub(super) fn check_files(args: &Args) -> Result<Option<(&Path, SceneFormat)>, U
     if is_standard_output(output) {
         options::refuse_terminal("the scene")?;
     }
-    let format = match args.format {
-        Some(format) => format,
-        None => scene_file::format_of(output).map_err(|error| Usage(format!("{error}; or give --format")))?,
+    let format = match args.format[..] {
+        [] => scene_file::format_of(output).map_err(|error| Usage(format!("{error}; or give --format")))?,
+        [format] => {
+            check_extension(output, format)?;
+            format
+        }
+        _ => return Err(Usage(format!("expected one --format for {}, found several", output.display()))),
     };
     if args.spz_version.is_some() && format != SceneFormat::Spz {
         return Err(Usage("--spz-version is for .spz".into()));
@@ -99,11 +110,28 @@ pub(super) fn check_files(args: &Args) -> Result<Option<(&Path, SceneFormat)>, U
     Ok(Some((output, format)))
 }
 
+/// Rejects a file name with the extension of another format. Names with other extensions may hold any format.
+fn check_extension(output: &Path, format: SceneFormat) -> Result<(), Usage> {
+    let last = format.extension().rsplit('.').next();
+    let has_last =
+        output.extension().is_some_and(|own| last.is_some_and(|last| own.eq_ignore_ascii_case(last)));
+    match SceneFormat::of_name(output) {
+        Some(named) if named != format && !has_last => {
+            Err(Usage(format!("--format differs from the extension of {}", output.display())))
+        }
+        _ => Ok(()),
+    }
+}
+
 pub fn run(args: &Args) -> Result<Outcome> {
     let output = check_files(args)?;
     let loaded = loading::load_scene(&args.input, &args.load)?;
-    let before = Original::of(&loaded);
-    let (merged, original_bytes) = args.edit.merged(loaded, &args.load)?;
+    let (merged, originals) = args.edit.merged(loaded, &args.load)?;
+    let paths = || [&args.input].into_iter().chain(&args.edit.merge).map(|path| path.display().to_string());
+    let names: Vec<String> = paths().collect();
+    let originals: Vec<(&str, &Original)> = names.iter().map(String::as_str).zip(&originals).collect();
+    let original_bytes: u64 = originals.iter().map(|(_, original)| original.file_bytes).sum();
+    let (original_splats, dropped) = (merged.count(), serde_json::to_value(merged.dropped())?);
     // The error of --price includes that of the splats and bands that are left out.
     let mut truth = if output.is_none() { args.edit.uncut(&merged)? } else { None };
     let mut scene = args.edit.changed(merged)?;
@@ -112,7 +140,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let whole = std::mem::replace(&mut scene, cut);
         truth = truth.or_else(|| output.is_none().then_some(whole));
     }
-    let Some((output, format)) = output else { return args.price.run(scene, truth, &args.input) };
+    let Some((output, format)) = output else {
+        let lost = json!({ "dropped": dropped, "losses": scene_file::not_loaded(&originals) });
+        return args.price.run(scene, truth, &args.input, &args.format, lost);
+    };
+    let lost = Losses::of(&originals, &scene, format);
+    if args.strict && !lost.losses.is_empty() {
+        bail!("expected no losses with --strict, found {}", lost.losses.join("; "));
+    }
     let progress = Mutex::new(Progress::new(format!("writing {}", output.display())));
     let tell = |done, of| {
         if let Ok(mut progress) = progress.lock() {
@@ -125,7 +160,21 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let bytes = scene_file::write(&scene, format, version, &tell, output)?;
     drop(progress);
 
-    let stdout = Stdout::of([output]);
+    if let Some(file) = args.price.json() {
+        let mut all = json!({
+            "command": options::command_line(), "scene": options::text_of(&args.input), "output": options::text_of(output),
+            "format": format.extension(), "splats": scene.count(), "original_splats": original_splats,
+            "bytes": bytes, "original_bytes": original_bytes, "dropped": dropped,
+        });
+        if let (Some(all), serde_json::Value::Object(lost)) =
+            (all.as_object_mut(), serde_json::to_value(&lost)?)
+        {
+            all.extend(lost);
+        }
+        options::write_json(file, &all)?;
+    }
+    let stdout = Stdout::of([Some(output), args.price.json()].into_iter().flatten());
+    let before = originals[0].1;
     let (path, from, size) = (args.input.display(), &before.format, grouped(before.file_bytes));
     let splats = scene_file::splats(before.count);
     stdout.line(&format!("{path}: {from}, {splats} of degree {}, {size} bytes", before.degree))?;
@@ -145,10 +194,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let splats = if count == before.count { String::new() } else { scene_file::splats(count) + ", " };
     let size = grouped(bytes);
     stdout.line(&format!("{path}: {to}, {splats}{size} bytes, {percent:.1} % of {originals}"))?;
-    for loss in before.losses(&scene, format) {
+    for loss in lost.losses.iter().chain(&lost.chosen_losses) {
         stdout.line(&format!("  lost: {loss}"))?;
     }
-    for loss in before.invisible(&scene, format) {
+    for loss in &lost.invisible_losses {
         stdout.line(&format!("  lost, but in no picture: {loss}"))?;
     }
     if let Some(empty) = scene_file::empty_bands(&scene, format) {

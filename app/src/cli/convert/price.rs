@@ -8,7 +8,7 @@ use crate::io::report::text;
 use crate::io::scene_file;
 use crate::studies::price::{self, Found, Price};
 use anyhow::{Result, bail};
-use serde_json::json;
+use serde_json::{Value as Json, json};
 use splatgraph_assets::{Scene, SceneFormat, grouped};
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 pub struct PriceArgs {
     /// Print the price of each format instead of writing OUT: bytes, loading time, and PSNR, SSIM and FLIP of exact
     /// pictures against those of IN, after --merge and --transform, with all its splats and bands
-    #[arg(long, conflicts_with_all = ["output", "format", "spz_version"])]
+    #[arg(long, conflicts_with_all = ["output", "spz_version"])]
     price: bool,
     /// Cameras of the pictures of --price [default: the first camera beside the scene, or one that frames the scene]
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
@@ -25,7 +25,7 @@ pub struct PriceArgs {
     /// Size of the pictures of --price [default: the cameras']
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
-    /// Print the results of --price as JSON, or write them to a file
+    /// Print the results as JSON, or write them to a file: the losses, or those of --price
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     json: Option<PathBuf>,
 }
@@ -35,19 +35,28 @@ impl PriceArgs {
         if self.price {
             cameras::claim(guard, self.cameras.as_deref(), Some(scene))?;
         } else {
-            let options = [
-                ("--cameras", self.cameras.is_some()),
-                ("--size", self.size.is_some()),
-                ("--json", self.json.is_some()),
-            ];
+            let options = [("--cameras", self.cameras.is_some()), ("--size", self.size.is_some())];
             refuse_without("--price", &options)?;
         }
         self.json.as_ref().map_or(Ok(()), |path| Ok(guard.output("--json", path)?))
     }
 
-    /// Measures the prices of `scene`, which was loaded from `path`, and prints them or writes them to the file of
-    /// `--json`. `truth` is the scene before splats or bands were left out; `None` if it is the same.
-    pub(super) fn run(&self, scene: Scene, truth: Option<Scene>, path: &Path) -> Result<Outcome> {
+    pub(super) fn json(&self) -> Option<&Path> {
+        self.json.as_deref()
+    }
+
+    /// Measures the prices of `scene`, which was loaded from `path`, in `formats`, or in all if it is empty. Prints them
+    /// or writes them to the file of `--json`, with the fields of `lost`. `truth` is the scene before splats or bands were
+    /// left out; `None` if it is the same.
+    pub(super) fn run(
+        &self,
+        scene: Scene,
+        truth: Option<Scene>,
+        path: &Path,
+        formats: &[SceneFormat],
+        lost: Json,
+    ) -> Result<Outcome> {
+        let formats = if formats.is_empty() { &SceneFormat::WRITTEN } else { formats };
         let original = truth.as_ref().unwrap_or(&scene);
         let given = cameras::load_sized(self.cameras.as_deref(), Some(path), self.size, false)?;
         // Use world coordinates: a format may or may not keep the scene's origin.
@@ -78,14 +87,17 @@ impl PriceArgs {
             let notes = coarse.into_iter().chain(scene_file::empty_bands(&scene, format));
             notes.map(move |note| format!("{}: {note}\n", format.extension())).collect::<String>()
         };
-        let notes: String = SceneFormat::WRITTEN.into_iter().map(notes).collect();
-        let prices = price::measure(scene, truth, &cameras)?;
+        let notes: String = formats.iter().copied().map(notes).collect();
+        let prices = price::measure(scene, truth, &cameras, formats)?;
         match &self.json {
             Some(file) => {
-                let all = json!({
+                let mut all = json!({
                     "command": options::command_line(), "scene": options::text_of(path), "splats": splats, "original_splats": of,
                     "cameras": cameras, "backend": "reference", "prices": prices,
                 });
+                if let (Some(all), Json::Object(lost)) = (all.as_object_mut(), lost) {
+                    all.extend(lost);
+                }
                 options::write_json(file, &all)?;
             }
             None => options::print((table(&prices) + &notes).trim_end())?,
