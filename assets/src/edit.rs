@@ -178,7 +178,7 @@ impl Scene {
         }
     }
 
-    /// Adds a mesh, transformed by `by` in the world, to the scene's own.
+    /// Adds a mesh, given in world coordinates and transformed by `by`, to the scene's mesh.
     pub fn beside(self, mesh: &Mesh, by: &Similarity) -> Self {
         let mut all = self.mesh().cloned().unwrap_or_default();
         all.append(&mesh.transformed(by, [0.0; 3], self.offset()));

@@ -5,12 +5,12 @@
 //! - `// set: name=value` and `// fact: name=value` change a parameter or a fact;
 //! - `// show: effects` shows the effects of parameters in a valid graph;
 //! - `// without: FEATURE` removes a device feature;
-//! - `// graph: name` builds another file than this one.
+//! - `// graph: name` builds a file other than this one.
 //!
 //! `//// file: path` starts an additional file of the section. The folders `in/pipelines` and `in/shaders` are
 //! available to all sections.
 //!
-//! After a change of messages, regenerate the outputs and read the difference:
+//! After a change of messages, regenerate the outputs and review the diff:
 //!
 //! ```sh
 //! INSTA_UPDATE=always cargo test -p splatgraph-framework --test golden

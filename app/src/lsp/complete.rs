@@ -1,4 +1,4 @@
-//! Offers completions, and describes what is under the pointer, from the last build of a graph.
+//! Offers completions and hover texts, from a graph's text and its last build.
 
 use super::cursor::{self, Meaning, Scan};
 use super::files::{self, LANES, nominal_case};

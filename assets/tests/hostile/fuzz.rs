@@ -182,7 +182,7 @@ fn damage_inside_a_sog_file_as_written_is_read_or_refused() {
 
 #[test]
 fn damaged_ksplat_files_are_read_or_refused() {
-    // Two in five damages hit the fields of the file's header. The others are spread over the file.
+    // Two times in five, the damage hits the fields of the file's header; otherwise, it is anywhere.
     let seeds = [0, 1, 2].map(|level| (ksplat_file::file(level, 1), 48));
     run("ksplat", &seeds, 4 << 20, parse);
 }

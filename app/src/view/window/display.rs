@@ -32,7 +32,7 @@ pub fn event_loop() -> Result<EventLoop<()>> {
     })
 }
 
-/// Says whether a window lacks a display or a shared library, given the window library's error.
+/// Describes what is missing, a display or a shared library, given the window library's error.
 fn lacking(why: &str) -> &'static str {
     // Libraries that are opened at run time are in no list of dependencies, so the message lists all packages.
     match why.contains("load") {
