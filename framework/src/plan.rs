@@ -306,10 +306,13 @@ pub struct Dependency<P = PassId, R = ResourceId> {
     pub resource: R,
     /// The resource that the earlier pass accessed, if it is an alias in the same block; otherwise `None`.
     pub alias: Option<R>,
-    /// The smallest byte range of the resource that covers the conflict.
+    /// The smallest range of the memory, from the resource's start, that covers the conflict. An image may use any byte
+    /// of its block.
     #[serde(flatten)]
     pub bytes: Range<u64>,
-    /// True if the image changes layout between the passes. The change then waits for the earlier accesses.
+    /// True if the image changes layout between the passes. The change then waits for the earlier accesses. With
+    /// [`Since::Prologue`], it is the image's change in the handover, if there is one, or else that before the later
+    /// pass.
     pub changes_layout: bool,
     /// The stages and accesses of both passes.
     #[serde(flatten)]

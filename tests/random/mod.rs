@@ -21,7 +21,7 @@ use builds::{barriers, for_all, plan, run_batch, shown};
 use recipe::{LARGE, SMALL, Settings};
 use render::{Style, render};
 use sketch::Sketch;
-use splatgraph_framework::ir::{Origin, Run, ShaderStage, Source};
+use splatgraph_framework::ir::{DrawCall, Groups, Origin, Run, ShaderStage, Shape, Source, Work};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::{Glslang, ShaderCompiler, ShaderRequest};
 use splatgraph_framework::solve::reorder;
@@ -156,7 +156,9 @@ fn same(one: &Plan, other: &Plan, what: &str) -> Result<(), String> {
 
 #[test]
 fn shared_memory_is_no_more_and_held_by_one_at_a_time() {
+    let beside = AtomicUsize::new(0);
     for_all("memory", LARGE, 2000, |case| {
+        beside.fetch_add(reads_beside_images(&case.plan), Relaxed);
         let apart = case.plan(case.sketch.settings[0], false)?;
         let [shared_bytes, bytes] = [&case.plan, &apart].map(Plan::transient_bytes);
         if shared_bytes > bytes || bytes != apart.unshared_bytes() {
@@ -167,6 +169,27 @@ fn shared_memory_is_no_more_and_held_by_one_at_a_time() {
         }
         tenants_take_turns(&case.plan)
     });
+    let beside = beside.into_inner();
+    say(&format!(
+        "random graphs: {beside} reads of single words behind the pixels of an image in the same memory"
+    ));
+    assert!(beside > 0, "no reads of single words beside images");
+}
+
+/// Counts the reads of indirect arguments and statistics behind the end of the pixels of an image in the same block.
+fn reads_beside_images(plan: &Plan) -> usize {
+    let arguments = plan.passes.iter().filter_map(|pass| match pass.work {
+        Work::Dispatch { groups: Groups::Indirect { buffer, offset }, .. } => Some((buffer, offset)),
+        Work::Draw { call: DrawCall::Indirect { buffer, offset }, .. } => Some((buffer, offset)),
+        _ => None,
+    });
+    let words = arguments.chain(plan.stats.iter().map(|stat| (stat.buffer, stat.offset)));
+    words
+        .filter(|(buffer, offset)| {
+            let mut aliases = plan.aliases(*buffer).map(|alias| plan.resource(alias));
+            aliases.any(|alias| matches!(alias.shape, Shape::Image { .. }) && alias.bytes() <= *offset)
+        })
+        .count()
 }
 
 /// Checks that resources of one block are never used at the same time, and that resources that outlive a frame share

@@ -57,11 +57,15 @@ pub enum Role {
     Args,
 }
 
+/// Width and height of the largest images.
+pub const LARGEST: (u32, u32) = (16, 8);
+
 #[derive(Clone, Debug)]
 pub struct ImageWish {
     /// True for `rgba32f`, which can be drawn to; false for `r32ui`.
     pub color: bool,
-    pub small: bool,
+    /// Width and height.
+    pub size: (u32, u32),
     pub history: bool,
 }
 
@@ -221,7 +225,7 @@ fn settings() -> impl Strategy<Value = Settings> {
 
 fn buffer() -> impl Strategy<Value = BufferWish> {
     let role = prop_oneof![4 => Just(Role::Plain), 2 => Just(Role::PingPong), 2 => Just(Role::Args)];
-    let words = select(vec![4, 16, 20, 64, 100]);
+    let words = select(vec![4, 16, 20, 64, 100, 100]);
     (words, weighted(1, 5), role, weighted(1, 5)).prop_map(|(words, wide, role, history)| BufferWish {
         words,
         wide: wide && role != Role::Args,
@@ -231,9 +235,11 @@ fn buffer() -> impl Strategy<Value = BufferWish> {
 }
 
 fn image() -> impl Strategy<Value = ImageWish> {
-    (any::<bool>(), weighted(1, 3), weighted(1, 4)).prop_map(|(color, small, history)| ImageWish {
+    // The smallest is smaller than most buffers: in shared memory, reads of parts of a buffer lie behind its pixels.
+    let size = select(vec![LARGEST, (8, 4), (2, 2), (2, 2)]);
+    (any::<bool>(), size, weighted(1, 4)).prop_map(|(color, size, history)| ImageWish {
         color,
-        small,
+        size,
         history,
     })
 }

@@ -8,8 +8,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::recipe::{
-    BufferWish, Count, ImageWish, Item, Kind, Limits, PassWish, Pick, Recipe, Role, Settings, Stage, Stands,
-    Want, When,
+    BufferWish, Count, ImageWish, Item, Kind, LARGEST, Limits, PassWish, Pick, Recipe, Role, Settings, Stage,
+    Stands, Want, When,
 };
 
 #[derive(Clone, Debug)]
@@ -165,7 +165,7 @@ impl Sketch {
     }
 
     pub fn size(&self, image: usize) -> (u32, u32) {
-        if self.images[image].small { (8, 4) } else { (16, 8) }
+        self.images[image].size
     }
 
     /// Returns the maximum number of passes of the prologue and the frame under any settings.
@@ -321,7 +321,7 @@ impl Sketch {
                 binds.push(Bind { what, reads: true, writes: false, stage: Stage::Fragment });
             }
         }
-        self.images.push(ImageWish { color: recipe.drawn, small: false, history: false });
+        self.images.push(ImageWish { color: recipe.drawn, size: LARGEST, history: false });
         let output = self.output();
         let work = if recipe.drawn {
             Work::Draw { targets: vec![(output, false)], strip: false }

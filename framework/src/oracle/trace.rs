@@ -2,7 +2,7 @@
 //!
 //! Memory is cut into cells at every boundary of an access, so that an access always covers whole cells. Blocks come
 //! first, then the memory of the resources outside blocks. Resources that the host accesses have one set of cells per
-//! copy.
+//! copy. An image has no end: its texels may lie anywhere in its memory, and only the device knows how much that is.
 
 use std::ops::Range;
 
@@ -10,7 +10,7 @@ use super::stages::{performed_by, stood_for_by};
 use crate::ir::{
     Accesses, DrawCall, Groups, Layout, PassId, ResourceId, Run, Shape, Source, Stages, Use, Work,
 };
-use crate::plan::Plan;
+use crate::plan::{Plan, Resource};
 
 /// One kind of access at one stage.
 #[derive(Clone)]
@@ -172,6 +172,14 @@ fn covered(cells: &[Range<u64>], of: &Range<usize>, bytes: &Range<u64>) -> Range
     of.start + start..of.start + end.max(start)
 }
 
+/// Returns the bytes that a resource may occupy from the start of its memory.
+fn occupied(resource: &Resource) -> Range<u64> {
+    match resource.shape {
+        Shape::Buffer { .. } => 0..resource.bytes(),
+        Shape::Image { .. } => 0..u64::MAX,
+    }
+}
+
 /// Lists each stage and access of a pass with its bytes.
 fn extents(plan: &Plan, index: usize) -> Vec<Extent> {
     let pass = &plan.passes[index];
@@ -206,7 +214,7 @@ fn extents(plan: &Plan, index: usize) -> Vec<Extent> {
 fn ranges(plan: &Plan, work: &Work, touch: &Use, access: Accesses) -> Vec<Range<u64>> {
     const WORD: u64 = 4;
     let words = |offset: u64, count: u64| offset..offset.saturating_add(WORD * count);
-    let whole = 0..plan.resource(touch.resource).bytes();
+    let whole = occupied(plan.resource(touch.resource));
     let narrow: Vec<_> = match (work, access) {
         (Work::Dispatch { groups: Groups::Indirect { buffer, offset }, .. }, Accesses::INDIRECT_READ)
             if *buffer == touch.resource =>
@@ -251,7 +259,7 @@ fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<ResourceCells>, Vec
     }
     for extent in extents {
         let memory = &mut bounds[memory_of[extent.resource.index()]];
-        memory.extend([extent.bytes.start, extent.bytes.end]);
+        memory.extend([extent.bytes.start, extent.bytes.end].into_iter().filter(|byte| *byte != u64::MAX));
     }
 
     let mut cells: Vec<Range<u64>> = Vec::new();
@@ -278,7 +286,7 @@ fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<ResourceCells>, Vec
             let others = tenants[memory].iter().copied().filter(|other| *other != index).filter(image);
             let per_frame = resource.source.is_per_frame();
             ResourceCells {
-                own: covered(&cells, &all, &(0..resource.bytes())),
+                own: covered(&cells, &all, &occupied(resource)),
                 all,
                 stride: if per_frame { count } else { 0 },
                 alias_images: others.map(|other| ResourceId(other as u32)).collect(),

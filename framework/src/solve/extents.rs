@@ -2,12 +2,13 @@
 //!
 //! Memory is cut into cells at the boundaries of a block's aliases, of indirect arguments, and of the words of
 //! statistics. Dependencies are found per cell, so exporting one word of a buffer does not affect its other words, and
-//! a new alias of a block does not affect bytes beyond its end.
+//! a new buffer in a block does not affect bytes beyond its end. An image covers its whole block: only the device knows
+//! the size of an image, which is at least that of its texels.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
 
-use crate::ir::{Accesses, DrawCall, Groups, Pass, ResourceId, Stages, Use, Work};
+use crate::ir::{Accesses, DrawCall, Groups, Pass, ResourceId, Shape, Stages, Use, Work};
 use crate::plan::{Plan, Resource};
 
 pub(super) struct Access {
@@ -45,9 +46,19 @@ impl Extents {
         for (resource, piece) in plan.resources.iter().zip(&piece) {
             cuts[*piece].insert(resource.bytes());
         }
+        let whole = |id: ResourceId| {
+            let resource = plan.resource(id);
+            let aliases = || plan.aliases(id).map(|alias| plan.resource(alias).bytes());
+            match resource.shape {
+                Shape::Buffer { .. } => 0..resource.bytes(),
+                Shape::Image { .. } => 0..aliases().fold(resource.bytes(), u64::max),
+            }
+        };
+        let bytes =
+            |pass: &Pass, touch: &Use| part(plan, pass, touch).unwrap_or_else(|| vec![whole(touch.resource)]);
         for pass in &plan.passes {
             for touch in &pass.uses {
-                let bytes = bytes(plan, pass, touch);
+                let bytes = bytes(pass, touch);
                 cuts[piece[touch.resource.index()]].extend(bytes.iter().flat_map(|b| [b.start, b.end]));
             }
         }
@@ -71,7 +82,7 @@ impl Extents {
                 if touch.accesses == Accesses::UNIFORM_READ {
                     continue;
                 }
-                let cells = bytes(plan, pass, touch).iter().map(|b| cells_of(touch.resource, b)).collect();
+                let cells = bytes(pass, touch).iter().map(|b| cells_of(touch.resource, b)).collect();
                 let access = Access { touch: *touch, cells };
                 match groups.iter_mut().find(|group| group.resource == touch.resource) {
                     Some(group) => group.accesses.push(access),
@@ -80,25 +91,23 @@ impl Extents {
             }
             groups
         };
-        let whole = |(index, resource): (usize, &Resource)| {
-            cells_of(ResourceId(index as u32), &(0..resource.bytes()))
-        };
+        let resources = (0..plan.resources.len() as u32).map(ResourceId);
         Extents {
             passes: plan.passes.iter().map(group).collect(),
-            resources: plan.resources.iter().enumerate().map(whole).collect(),
+            resources: resources.map(|id| cells_of(id, &whole(id))).collect(),
             cells,
         }
     }
 }
 
-/// Returns the byte ranges of a resource that an access covers: the whole resource, except for indirect arguments and
-/// exported statistics.
+/// Returns the byte ranges of indirect arguments or of exported statistics; `None` if the access covers the whole
+/// resource.
 #[allow(clippy::single_range_in_vec_init)] // Usually a list of a single range.
-fn bytes(plan: &Plan, pass: &Pass, touch: &Use) -> Vec<Range<u64>> {
+fn part(plan: &Plan, pass: &Pass, touch: &Use) -> Option<Vec<Range<u64>>> {
     let arguments = |buffer: ResourceId, offset: u64, bytes: u64| {
         (buffer == touch.resource && touch.stages == Stages::INDIRECT).then(|| vec![offset..offset + bytes])
     };
-    let some = match pass.work {
+    match pass.work {
         Work::Dispatch { groups: Groups::Indirect { buffer, offset }, .. } => arguments(buffer, offset, 12),
         Work::Draw { call: DrawCall::Indirect { buffer, offset }, .. } => arguments(buffer, offset, 16),
         Work::Export => {
@@ -108,6 +117,5 @@ fn bytes(plan: &Plan, pass: &Pass, touch: &Use) -> Vec<Range<u64>> {
             (!words.is_empty()).then_some(words)
         }
         _ => None,
-    };
-    some.unwrap_or_else(|| vec![0..plan.resource(touch.resource).bytes()])
+    }
 }

@@ -103,3 +103,25 @@ fn an_image_in_another_layout_than_its_pass_needs_is_found() {
     });
     assert_eq!(text, ["needless: the change of `image` to TransferSource before `export`"]);
 }
+
+#[test]
+fn an_image_waits_for_a_read_of_any_bytes_of_its_block() {
+    let sketch = || {
+        let mut s = Sketch::new();
+        let (args, image) = (s.sized("args", 4 * BYTES), s.image("image"));
+        s.share(image, args);
+        s.frame("fill", &[fills(args)]);
+        // Beyond the image's texels, but the image may take more memory than they need.
+        let call = DrawCall::Indirect { buffer: args, offset: 2 * BYTES };
+        let Work::Draw { vertex, fragment, topology, targets, depth, .. } = draw() else { unreachable!() };
+        let draw = Work::Draw { vertex, fragment, topology, call, targets, depth };
+        s.frame_work("draw", draw, &[touch(args, Stages::INDIRECT, Accesses::INDIRECT_READ)]);
+        s.frame("show", &[Use { discards: true, ..in_general(image, WRITE) }]);
+        s
+    };
+    assert_eq!(found(sketch(), |_| {}), [""; 0]);
+    let text =
+        found(sketch(), |plan| plan.dependencies.retain(|d| (d.first, d.second) != (PassId(1), PassId(2))));
+    let expected = "no dependency of `show` on `draw` orders STORAGE_WRITE at COMPUTE after INDIRECT_READ at INDIRECT of `image` (WriteAfterRead)";
+    assert!(text.iter().any(|text| text == expected), "{text:#?}");
+}
