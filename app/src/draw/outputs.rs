@@ -101,8 +101,8 @@ pub fn sorts_by_distance(plan: &Plan) -> bool {
     plan.params.iter().any(|param| param.name == "key_of" && param.value == by_distance)
 }
 
-/// Says that depth outputs contain distances from the camera, because splats are sorted by distance. `None` if `outputs`
-/// names no depth. `change` is the option that sorts by view depth.
+/// Says that depth outputs contain distances from the camera, because splats are sorted by distance. `None` if
+/// `outputs` names no depth. `change` is the option that sorts by view depth.
 pub fn distance_note<'a>(outputs: impl IntoIterator<Item = &'a str>, change: &str) -> Option<String> {
     let depths: Vec<String> =
         outputs.into_iter().filter(|name| name.ends_with("depth")).map(|name| format!("`{name}`")).collect();
@@ -202,7 +202,7 @@ pub fn check_format(name: &str, format: Format) -> Result<(), String> {
 }
 
 impl Output {
-    /// Writes the values in the format of the extension: `.npy` and `.exr` keep floats or integers, `.png` is a picture.
+    /// Writes the values in the extension's format: `.npy` and `.exr` keep floats or integers, `.png` is a picture.
     ///
     /// In a PNG, a normal is normalised and becomes the colour (n + 1) / 2, or black if it is zero. [`RGBA`] is written
     /// with straight alpha in a PNG, and premultiplied in the other formats.
