@@ -1,7 +1,7 @@
 //! `sweep` as a command: quality and time with decreasing numbers of splats.
 
 use crate::place::Place;
-use serde_json::Value;
+use serde_json::{Value, json};
 use splatgraph_assets::synth;
 use splatgraph_assets::{FileNotes, Filter, Scene, Splat};
 
@@ -10,7 +10,7 @@ const SHORT: &str = "sweep scene.ply --size 64x48 --steps 3 --rounds 1 --frames 
 #[test]
 fn a_sweep_holds_every_choice_against_the_truth_and_writes_what_it_found() {
     let place = Place::new();
-    place.done(&format!("{SHORT} -o out"));
+    let table = place.done(&format!("{SHORT} --set alpha_cap=0.99 -o out"));
     let swept = place.json("out/sweep.json");
     let steps = swept["steps"].as_array().expect("steps");
     // All splats, then two steps of four choices.
@@ -38,6 +38,17 @@ fn a_sweep_holds_every_choice_against_the_truth_and_writes_what_it_found() {
 
     let csv = place.text("out/sweep.csv");
     assert_eq!(csv.lines().count(), 10, "{csv}");
+    // All phases, those that do not depend on the number of splats, too.
+    let header: Vec<&str> = table.lines().next().expect("a header").split_whitespace().collect();
+    let phases = all["time"]["phases"].as_object().expect("phases");
+    assert!(phases.len() > 3 && phases.keys().all(|phase| header.contains(&phase.as_str())), "{table}");
+    assert!(table.contains("only the GPU ms of whole frames are reliable"), "{table}");
+    let origin = &swept["origin"];
+    assert_eq!(
+        (&origin["set"], &origin["rounds"], &origin["cameras"][0]["width"], &swept["missing"]),
+        (&json!([["alpha_cap", "0.99"]]), &1.into(), &64.into(), &json!([]))
+    );
+    assert!(swept["command"].as_str().is_some_and(|command| command.contains("alpha_cap=0.99")), "{swept}");
     for (line, step) in csv.lines().skip(1).zip(steps) {
         let choice = step["choice"].as_str().unwrap_or("all");
         assert!(line.starts_with(&format!("\"{choice}\",")), "{choice}: {line}");
@@ -50,6 +61,8 @@ fn a_sweep_holds_every_choice_against_the_truth_and_writes_what_it_found() {
     assert_eq!((picture.width, picture.height), (64, 48));
     let page = place.text("out/sweep.html");
     assert_eq!(page.matches("<img").count(), 4 * 3, "all, and two steps, of each choice");
+    let device = origin["device"].as_str().expect("a name");
+    assert!(page.contains(device) && page.contains("alpha_cap=0.99") && csv.contains(device), "{page}");
 }
 
 #[test]

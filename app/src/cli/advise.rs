@@ -14,6 +14,7 @@ use crate::studies::advise::search::{Best, Budget, Tried};
 use crate::studies::advise::{Advice, Description, Wanted, describe, study};
 use crate::studies::measurement::noise::MIN_SAVING;
 use crate::studies::measurement::settings::EXACT;
+use crate::studies::provenance::Provenance;
 use crate::studies::study::{Setting, Subject};
 use anyhow::{Context, Result};
 use serde_json::json;
@@ -112,11 +113,18 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let wanted = Wanted { pipeline, set, budget, frames: args.effort.frames() };
         let advice = study(&subject, keys, &wanted, &mut Console::default())?;
         let (Advice { tried, unsure, .. }, Best { found, hidden }) = (&advice, advice.best());
-        tell(&found.map_or_else(|| nothing(tried, &budget), |found| command(args, is_one, found, tried)))?;
+        let origin = Provenance::of(&subject);
+        let command = |found| command(args, is_one, found, (tried, &origin.device));
+        tell(&found.map_or_else(|| nothing(tried, &budget), command))?;
         tell(&noise(found, &hidden, unsure))?;
         if found.is_none() {
             outcome = Outcome::Failed;
         }
+        all["command"] = options::command_line().into();
+        all["origin"] = json!({
+            "version": origin.version, "device": origin.device, "is_cpu": origin.is_cpu, "splats": origin.splats,
+            "pipeline": wanted.pipeline, "set": wanted.set, "rounds": wanted.frames.rounds, "frames": wanted.frames.frames,
+        });
         all["budget"] = serde_json::to_value(budget)?;
         all["advised"] = serde_json::to_value(found)?;
         all["tried"] = serde_json::to_value(tried)?;
@@ -223,7 +231,7 @@ fn time(tried: &Tried) -> String {
 }
 
 /// Formats a complete `render` command and its measurements. `is_one`: the command draws a single picture.
-fn command(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String {
+fn command(args: &Args, is_one: bool, found: &Tried, (tried, device): (&[Tried], &str)) -> String {
     let mut command = "splatgraph render".to_owned();
     let mut add = |word: &str| command += &format!(" {}", shell_word(word));
     for root in planner::settings().include_roots {
@@ -251,7 +259,7 @@ fn command(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String 
     args.device.words().iter().for_each(|word| add(word));
     ["-o", if is_one { "advised.png" } else { "advised/" }].into_iter().for_each(&mut add);
     format!(
-        "\n{command}\n  PSNR by view: {} dB\n  {}\n  the best of {} measured settings\n",
+        "\n{command}\n  PSNR by view: {} dB\n  {}\n  the best of {} measured settings, on {device}\n",
         list(&found.psnr_db),
         time(found),
         tried.len()
@@ -295,7 +303,7 @@ mod tests {
         let args = parsed(words.split(' ')).expect("a command line");
         let setting = Setting { name: "x".into(), pipeline: "splat".into(), set: Vec::new() };
         let found = Tried { setting, psnr_db: vec![50.0], gpu_ms: None, share: None };
-        let text = command(&args, true, &found, &[]);
+        let text = command(&args, true, &found, (&[], "none"));
         let wanted = "splatgraph render --ignore-tags --level 2 lod-meta.json --size 8x4 --pipeline splat -o advised.png";
         assert!(text.contains(wanted), "{text}");
     }

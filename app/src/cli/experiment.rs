@@ -9,11 +9,11 @@ use super::subject;
 use crate::io::load::LoadOptions;
 use crate::io::output::names::MAX_NAME_BYTES;
 use crate::io::output::{self, OutputGuard, one_line, say};
+use crate::io::program;
 use crate::studies::experiment;
 use crate::studies::experiment::exact::GRAPH;
 use crate::studies::study::{Setting, Subject};
 use anyhow::Result;
-use splatgraph_api::Device;
 use std::path::PathBuf;
 
 /// Write a page that illustrates an equation of splatting with measurements of a scene
@@ -120,8 +120,8 @@ fn view(subject: &Subject) -> String {
         names.join(", "),
         size.0,
         size.1,
-        subject.device.info().name,
-        env!("CARGO_PKG_VERSION")
+        subject.device_name(),
+        program::VERSION
     )
 }
 

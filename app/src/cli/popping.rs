@@ -13,6 +13,7 @@ use crate::io::output::{self, OutputGuard};
 use crate::studies::measurement::settings;
 use crate::studies::popping::report::{self, Summary};
 use crate::studies::popping::{measure, study};
+use crate::studies::provenance::Provenance;
 use crate::studies::study::Setting;
 use anyhow::{Context, Result};
 use serde_json::json;
@@ -112,13 +113,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     // Report errors in the graphs before the exact pictures are drawn, which takes long.
     claim_graph_files(&mut guard, &subject.check(&variants)?)?;
     let tracks = study(&subject, &variants, &mut Console::default())?;
-    let origin = json!({
-        "version": env!("CARGO_PKG_VERSION"),
-        "scene": subject.name,
-        "splats": subject.scene.count(),
-        "cameras": subject.cameras,
-        "device": subject.device_name(),
-    });
+    let origin = Provenance::of(&subject);
 
     let summaries: Vec<Summary> = tracks.iter().map(report::summary).collect();
     let text = report::table(&summaries) + report::NOTES;
@@ -127,10 +122,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let rows = summaries.iter().zip(&tracks);
         let rows: Vec<_> =
             rows.map(|(summary, track)| json!({ "summary": summary, "track": track })).collect();
-        options::write_json(file, &json!({ "origin": origin, "variants": rows, "notes": report::NOTES }))?;
+        let command = options::command_line();
+        let all = json!({ "command": command, "origin": origin, "variants": rows, "notes": report::NOTES });
+        options::write_json(file, &all)?;
     }
     if let Some(folder) = &args.output {
-        output::write_bytes(&folder.join(CSV), report::csv(&tracks).as_bytes())?;
+        output::write_bytes(&folder.join(CSV), origin.stamp(&report::csv(&tracks)).as_bytes())?;
         options::write_plot(&report::plot(&tracks), folder, PLOT)?;
     }
     Ok(super::outcome::validated(args.device.validate, &subject.device.close()))

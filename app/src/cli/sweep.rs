@@ -90,7 +90,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let given = args.drawing.cameras(args.scene.as_deref())?;
     let mut guard = guard(args)?;
     let (subject, wanted) = open(args, &mut guard, given)?;
-    let (swept, shown) = study(&subject, &wanted, &mut Console::default())?;
+    let (mut swept, shown) = study(&subject, &wanted, &mut Console::default())?;
+    swept.command = options::command_line();
     save_pictures(&shown, &args.output)?;
     report(&swept, &shown, &args.output)?;
     Ok(super::outcome::validated(args.device.validate, &subject.device.close()))
@@ -160,9 +161,9 @@ impl Work for Views {
         let Wanted { pipeline, set, steps, frames } = &wanted;
         let cameras = serde_json::to_value(&subject.cameras)?;
         let mut origin = job::origin_of(study.session(), &cameras, (pipeline, set))?;
-        let empty = study.empty(&subject, &wanted);
+        let empty = SweepResult { command: options::command_line(), ..study.empty(&subject, &wanted) };
         origin.extend([
-            ("device".into(), json!(empty.device)),
+            ("device".into(), json!(empty.origin.provenance.device)),
             ("--steps".into(), json!(steps)),
             ("--rounds".into(), json!(frames.rounds)),
             ("--frames".into(), json!(frames.frames)),
@@ -207,7 +208,8 @@ pub fn merge(origin: &Origin, parts: Vec<Part>, folders: &[PathBuf], output: &Pa
     let shown_steps = parts.first().map(|part| part.steps.clone()).unwrap_or_default();
     let closer = parts.iter().flat_map(|part| part.closer.clone()).collect();
     let steps = parts.into_iter().flat_map(|part| part.steps).collect();
-    let swept = empty.with(steps, closer);
+    let command = format!("{}\n{}", empty.command, options::command_line());
+    let swept = SweepResult { command, ..empty.with(steps, closer) };
     let mut shown = Vec::new();
     for step in
         shown_steps.iter().filter(|step| Some(&step.camera) == first.as_ref() && !swept.closer.is_empty())

@@ -7,6 +7,7 @@ pub mod experiment;
 pub mod measurement;
 pub mod popping;
 pub mod price;
+pub mod provenance;
 pub mod study;
 pub mod sweep;
 pub mod trade;

@@ -108,7 +108,7 @@ mod tests {
         };
         let mut kept = Kept::default();
         kept.add(frame(90.0, true), &plan, false);
-        [80.0, 2.0, 2.5, 2.25].map(|ms| kept.add(frame(ms, false), &plan, false));
+        [80.0, 2.0, 2.5, 2.25].into_iter().for_each(|ms| kept.add(frame(ms, false), &plan, false));
         // Measured frames have no timestamps of passes.
         let whole = |ms| FrameResult { pass_ms: vec![(id("project"), None)], ..frame(ms, false) };
         (0..4).for_each(|_| kept.add(whole(1.0), &plan, true));
@@ -130,8 +130,8 @@ mod tests {
         assert!(stats.line().contains("on device, which was idle for 75 % of the time"), "{}", stats.line());
         // Without a warm-up, the first frame and the last ones have timestamps of passes.
         let mut kept = Kept::default();
-        [frame(9.0, true), whole(1.0), whole(1.0), frame(3.0, false)]
-            .map(|frame| kept.add(frame, &plan, true));
+        let frames = [frame(9.0, true), whole(1.0), whole(1.0), frame(3.0, false)];
+        frames.into_iter().for_each(|frame| kept.add(frame, &plan, true));
         let stats = kept.stats(("a", (32, 24)), &plan, &info(), 3, Vec::new());
         assert_eq!((stats.frames, stats.gpu_ms, stats.passes[1].gpu_ms), (4, Some(1.0), Some(6.0)));
         let mut kept = Kept::default();

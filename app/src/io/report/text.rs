@@ -51,6 +51,23 @@ pub fn quoted(cell: &str) -> String {
     format!("\"{}\"", cell.replace('"', "\"\""))
 }
 
+/// Adds columns to a CSV. Each has the same value in all lines, and is quoted.
+pub fn with_columns(csv: &str, columns: &[(&str, &str)]) -> String {
+    let header: String = columns.iter().map(|(name, _)| format!(",{name}")).collect();
+    let cells: String = columns.iter().map(|(_, value)| format!(",{}", quoted(value))).collect();
+    let (mut text, mut in_header, mut in_quotes) = (String::new(), true, false);
+    for character in csv.chars() {
+        in_quotes ^= character == '"';
+        // A line break in a quoted cell does not end the line.
+        if character == '\n' && !in_quotes {
+            text += if in_header { &header } else { &cells };
+            in_header = false;
+        }
+        text.push(character);
+    }
+    text
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -59,6 +76,14 @@ mod tests {
     fn names_stand_to_the_left_and_numbers_to_the_right() {
         let rows = [["é", "10.5"], ["longer", ""]].map(|row| row.map(String::from).to_vec());
         assert_eq!(table(["name", "ms"], rows), "name      ms\né       10.5\nlonger\n");
+    }
+
+    #[test]
+    fn columns_are_added_to_lines_and_not_within_a_cell() {
+        let csv = "name,ms\n\"a \"\"b\nc\",1\n\"d\",2\n";
+        let found = with_columns(csv, &[("device", "x \"y\""), ("program", "1")]);
+        let end = ",\"x \"\"y\"\"\",\"1\"\n";
+        assert_eq!(found, format!("name,ms,device,program\n\"a \"\"b\nc\",1{end}\"d\",2{end}"));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::limit::CopyLimit;
 use super::measure::{Figures, Found, Outcome, Part};
 use crate::draw::interleaved::{Figure, Frames};
 use crate::io::program;
-use crate::io::report::text::{optional, quoted};
+use crate::io::report::text::{optional, quoted, with_columns};
 use indexmap::IndexSet;
 use serde::Serialize;
 use splatgraph_api::DeviceInfo;
@@ -36,6 +36,12 @@ pub struct Origin {
 }
 
 impl Origin {
+    /// Adds the columns `device` and `program` to a CSV.
+    pub fn stamp(&self, csv: &str) -> String {
+        let device = format!("{} ({})", self.device, self.driver);
+        with_columns(csv, &[("device", &device), ("program", &self.program)])
+    }
+
     /// Creates the origin of a run on a device.
     pub fn new(
         device: &DeviceInfo,
@@ -157,7 +163,7 @@ impl Report {
                 }
             }
         }
-        text
+        self.origin.stamp(&text)
     }
 
     /// Shortens the path of a scene to a name that no other scene of the run has; see [`scene_names`].
@@ -267,9 +273,9 @@ mod tests {
         // failed candidate.
         assert_eq!(csv.lines().count(), 1 + 3 * (5 + 1 + 1) + 1 + 1, "{csv}");
         for line in [
-            r#""scenes/a.ply",1000,64,48,"a","two",pass,"draw",2,0.25,4000000,2,0.001"#,
-            r#""scenes/a.ply",1000,64,48,"a","",memory,"color",,,1048576,,"#,
-            r#""scenes/a.ply",1000,64,48,"b","",failed,"no",,,,,"#,
+            r#""scenes/a.ply",1000,64,48,"a","two",pass,"draw",2,0.25,4000000,2,0.001,"none (0)","1""#,
+            r#""scenes/a.ply",1000,64,48,"a","",memory,"color",,,1048576,,,"#,
+            r#""scenes/a.ply",1000,64,48,"b","",failed,"no",,,,,,"#,
         ] {
             assert!(csv.contains(line), "{line}:\n{csv}");
         }

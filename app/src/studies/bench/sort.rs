@@ -190,7 +190,7 @@ impl Report {
                 Err(why) => format!("{pairs},{key_bits},,,,,,,,,{}\n", quoted(first_line(why))),
             };
         }
-        text
+        self.origin.stamp(&text)
     }
 
     /// Plots the rate against the number of pairs, one line per key width; `None` without times.

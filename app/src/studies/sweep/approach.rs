@@ -103,12 +103,15 @@ pub fn blending(time: &Time) -> Option<f64> {
 
 /// Fits a line to the times of the phase that blends, by least squares.
 ///
-/// `None` with fewer than three timed steps, or if times do not grow with fragments: noise then hides the cost.
+/// `None` with fewer than three timed steps, if times do not grow with fragments because noise hides the cost, or if the
+/// phases cover less than half of a frame, as on a CPU whose timestamps are unreliable.
 pub fn fit(steps: &[Closer]) -> Option<Fit> {
-    let points: Vec<(f64, f64)> = steps
-        .iter()
-        .filter_map(|step| Some((step.fragments as f64, blending(step.time.as_ref()?)?)))
-        .collect();
+    let timed = || steps.iter().filter_map(|step| Some((step, step.time.as_ref()?)));
+    if timed().any(|(_, time)| time.phases.values().sum::<f64>() < 0.5 * time.gpu_ms) {
+        return None;
+    }
+    let points: Vec<(f64, f64)> =
+        timed().filter_map(|(step, time)| Some((step.fragments as f64, blending(time)?))).collect();
     let count = points.len() as f64;
     let mean = |of: fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / count;
     let (x, y) = (mean(|p| p.0), mean(|p| p.1));
@@ -174,6 +177,9 @@ mod tests {
         );
         assert!((found.r_squared - 1.0).abs() < 1e-9, "{found:?}");
         assert_eq!(fit(&steps[..2]), None);
+        let mut untimed = steps.clone();
+        untimed[1].time.as_mut().unwrap().gpu_ms = 11.0;
+        assert_eq!(fit(&untimed), None, "the phases are less than half of the frame");
         assert_eq!(fit(&[step(1, 1.0), step(1, 2.0), step(1, 3.0)]), None, "equal fragments");
         assert_eq!(fit(&[step(1, 3.0), step(2, 2.0), step(3, 1.0)]), None, "a negative slope");
     }

@@ -9,7 +9,9 @@ use crate::io::report::plot::{Axis, Form, Plot, Point, Series};
 use crate::io::report::text;
 use crate::studies::measurement::error::{Error, joint_psnr, mean};
 use crate::studies::measurement::time::Time;
+use crate::studies::provenance::Provenance;
 use crate::studies::study::StudyError;
+use indexmap::IndexSet;
 use serde::{Deserialize, Serialize};
 use splatgraph_assets::grouped;
 use std::collections::BTreeSet;
@@ -17,17 +19,31 @@ use std::collections::BTreeSet;
 /// File names of the plots, without extension.
 pub const PLOTS: [&str; 5] = ["quality", "times", "trade", "shares", "approach"];
 
+/// The inputs of a sweep.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Origin {
+    /// The program, the device, the scene and the views.
+    #[serde(flatten)]
+    pub provenance: Provenance,
+    /// Name or path of the graph.
+    pub pipeline: String,
+    /// Names and values of the graph's parameters.
+    pub set: Vec<(String, String)>,
+    /// Maximum number of rounds.
+    pub rounds: u32,
+    /// Frames per round; `None` if chosen from the time of a frame.
+    pub frames: Option<u32>,
+}
+
 /// The results of a finished sweep.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SweepResult {
-    /// The scene's name.
-    pub scene: String,
-    /// The scene's number of splats.
-    pub splats: u32,
-    /// Name or path of the graph.
-    pub pipeline: String,
-    /// The device and its driver.
-    pub device: String,
+    /// The command that made the files. If it was `merge`, the line before has the command of a shard.
+    pub command: String,
+    /// The inputs on which the numbers depend.
+    pub origin: Origin,
+    /// Names of the views without steps.
+    pub missing: Vec<String>,
     /// The steps of every view, first with all splats, then with fewer.
     pub steps: Vec<Step>,
     /// Steps of the first camera's approach; see [`super::approach`].
@@ -57,7 +73,9 @@ struct Mean {
 impl SweepResult {
     /// Adds measurements to a sweep without any.
     pub fn with(self, steps: Vec<Step>, closer: Vec<Closer>) -> SweepResult {
-        SweepResult { fit: fit(&closer), steps, closer, ..self }
+        let is_measured = |name: &str| steps.iter().any(|step| step.camera == name);
+        let missing = self.origin.provenance.missing(is_measured);
+        SweepResult { fit: fit(&closer), steps, closer, missing, ..self }
     }
 
     /// Returns a choice's measurements, from the fewest splats to all; empty if it was not measured.
@@ -71,7 +89,7 @@ impl SweepResult {
         let of_count = |count: u32| {
             let steps: Vec<&Step> = self.steps.iter().filter(of).filter(|step| step.count == count).collect();
             let times: Option<Vec<_>> = steps.iter().map(|step| step.time.as_ref()).collect();
-            let names: BTreeSet<&String> =
+            let names: IndexSet<&String> =
                 times.iter().flatten().flat_map(|time| time.phases.keys()).collect();
             let phase = |name: &String| {
                 let ms = times.iter().flatten().map(|time| time.phases.get(name).copied().unwrap_or(0.0));
@@ -96,7 +114,8 @@ impl SweepResult {
 
     /// Plots PSNR against the number of splats. Leaves out the step that draws all: the budget does not cause its error.
     pub fn quality(&self) -> Plot {
-        let point = |mean: &Mean| (mean.count < self.splats).then_some((f64::from(mean.count), mean.psnr_db));
+        let all = self.origin.provenance.splats;
+        let point = |mean: &Mean| (mean.count < all).then_some((f64::from(mean.count), mean.psnr_db));
         self.plot("Quality of a budget of splats", splats(), psnr(), point)
     }
 
@@ -108,14 +127,15 @@ impl SweepResult {
 
     /// Plots PSNR against time, without the step that draws all splats.
     pub fn trade(&self) -> Plot {
-        let point = |mean: &Mean| (mean.count < self.splats).then_some((mean.gpu_ms?, mean.psnr_db));
+        let all = self.origin.provenance.splats;
+        let point = |mean: &Mean| (mean.count < all).then_some((mean.gpu_ms?, mean.psnr_db));
         self.plot("What a millisecond buys", milliseconds(), psnr(), point)
     }
 
     /// Plots each phase's share of the phases' time against the number of splats, for [`Choice::FileOrder`].
     pub fn shares(&self) -> Plot {
         let means = self.means(Choice::FileOrder);
-        let names: BTreeSet<&String> =
+        let names: IndexSet<&String> =
             means.iter().flat_map(|mean| mean.phases.iter().map(|(name, _)| name)).collect();
         let series = |name: &String| {
             let share = |mean: &Mean| {
@@ -185,21 +205,21 @@ impl SweepResult {
         named.filter(|(_, plot, _)| plot.series.iter().any(|series| !series.points.is_empty())).collect()
     }
 
-    /// Formats the table for a terminal, with a row per step, averaged over the views.
+    /// Formats the table for a terminal, with a row per step, averaged over the views, and a warning about the times of
+    /// phases.
     pub fn table(&self) -> String {
-        text::table(self.header(), self.rows())
+        let note = self.origin.provenance.note().map_or(String::new(), |note| format!("{note}\n"));
+        text::table(self.header(), self.rows()) + &note
     }
 
     fn header(&self) -> Vec<String> {
         let fixed = ["choice", "splats", "PSNR dB", "GPU ms"].map(String::from);
-        fixed.into_iter().chain(self.phases().iter().map(|name| name.to_string())).collect()
+        fixed.into_iter().chain(self.phases().into_iter().cloned()).collect()
     }
 
-    fn phases(&self) -> Vec<&'static str> {
-        let measured = |name: &&str| {
-            self.steps.iter().flat_map(|step| &step.time).any(|time| time.phases.contains_key(*name))
-        };
-        PHASES.into_iter().filter(measured).collect()
+    /// Lists the phases of all steps, in order of execution.
+    fn phases(&self) -> IndexSet<&String> {
+        self.steps.iter().flat_map(|step| &step.time).flat_map(|time| time.phases.keys()).collect()
     }
 
     fn rows(&self) -> Vec<Vec<String>> {
@@ -222,10 +242,9 @@ impl SweepResult {
 
     /// Writes every step of every view as CSV (RFC 4180); missing values are empty, and an infinite PSNR is `inf`.
     pub fn csv(&self) -> String {
-        let phases: BTreeSet<&String> =
-            self.steps.iter().flat_map(|s| s.time.iter().flat_map(|t| t.phases.keys())).collect();
+        let phases = self.phases();
         let mut text = String::from(
-            "choice,camera,splats,visible,drawn,psnr_db,ssim,flip,worst,gpu_bytes,gpu_ms,spread_ms,of_all",
+            "choice,camera,splats,visible,drawn,psnr_db,ssim,flip,worst,gpu_bytes,gpu_ms,spread_ms,of_all,of_all_low,of_all_high",
         );
         for phase in &phases {
             text += &format!(",{phase}_ms");
@@ -248,12 +267,14 @@ impl SweepResult {
                 text::optional(time.map(|t| t.gpu_ms)),
                 text::optional(time.and_then(|t| t.spread_ms)),
                 text::optional(time.map(|t| t.share.median)),
+                text::optional(time.and_then(|t| Some(t.share.range?.0))),
+                text::optional(time.and_then(|t| Some(t.share.range?.1))),
             ];
             let phase = |name: &&String| text::optional(time.and_then(|t| t.phases.get(*name)));
             cells.extend(phases.iter().map(phase));
             text += &(cells.join(",") + "\n");
         }
-        text
+        self.origin.provenance.stamp(&text)
     }
 
     /// Makes the page as HTML, with pictures of the first view.
@@ -261,13 +282,14 @@ impl SweepResult {
     /// # Errors
     /// A picture or a plot cannot be encoded.
     pub fn page(&self, shown: &[Shown]) -> Result<String, StudyError> {
-        let mut page = Page::new(&format!("{}: what fewer splats cost and save", self.scene));
+        let Origin { provenance, pipeline, .. } = &self.origin;
+        let mut page = Page::new(&format!("{}: what fewer splats cost and save", provenance.scene));
+        page.text(&provenance.text(&self.missing));
+        page.text("This command made the page:");
+        page.block(&self.command);
         page.text(&format!(
-            "{} splats, drawn by `{}` on {}. Every step has half the splats of the one before, chosen in {} ways; the truth is \
+            "Drawn by `{pipeline}`. Every step has half the splats of the one before, chosen in {} ways; the truth is \
              the exact renderer's picture of all splats. Times are medians, interleaved with frames of all splats.",
-            grouped(self.splats.into()),
-            self.pipeline,
-            self.device,
             self.series(),
         ));
         page.text(
@@ -313,6 +335,10 @@ impl SweepResult {
         page.heading("All steps");
         let header = self.header();
         page.table(&header.iter().map(String::as_str).collect::<Vec<_>>(), &self.rows());
+        page.text("The phases are measured in other frames than `GPU ms`: timestamps at passes take time.");
+        if let Some(note) = provenance.note() {
+            page.text(note);
+        }
         page.heading("Pictures of the first view");
         for choice in Choice::ALL {
             let own = |shown: &&Shown| shown.choice.is_none_or(|own| own == choice);
@@ -339,7 +365,7 @@ impl SweepResult {
 
     /// Describes the PSNR of every choice at a quarter of the splats, the best first; empty if no step has a quarter.
     fn findings(&self) -> Vec<String> {
-        let quarter = self.splats / 4;
+        let quarter = self.origin.provenance.splats / 4;
         let at = |choice: Choice| {
             self.means(choice).into_iter().find(|mean| mean.count == quarter).map(|mean| (choice, mean))
         };
@@ -357,9 +383,6 @@ impl SweepResult {
         vec![text]
     }
 }
-
-/// Phases with a time that depends on the number of splats.
-const PHASES: [&str; 5] = ["project", "sort", "bin", "draw", "rasterise"];
 
 fn splats() -> Axis {
     Axis { label: "splats".into(), logarithmic: true }

@@ -3,11 +3,12 @@
 use super::approach::{self, Closer};
 use super::choice::{BUDGET, Choice, for_nearest, ranking};
 use super::measure::{Step, counts};
-use super::page::{Shown, SweepResult};
+use super::page::{Origin, Shown, SweepResult};
 use crate::draw::interleaved::Frames;
 use crate::draw::session::Session;
 use crate::studies::measurement::time::{Baseline, FRAMES_DIVISOR, Until};
 use crate::studies::measurement::view::{self, Measuring, View};
+use crate::studies::provenance::Provenance;
 use crate::studies::study::{Listener, Steps, StudyError, Subject};
 use splatgraph_assets::synth::SynthError;
 use std::{iter, thread};
@@ -195,11 +196,17 @@ impl Study {
 
     /// Returns the sweep without measurements.
     pub fn empty(&self, subject: &Subject, wanted: &Wanted) -> SweepResult {
+        let Wanted { pipeline, set, frames, .. } = wanted;
         SweepResult {
-            scene: subject.name.clone(),
-            splats: subject.scene.count(),
-            pipeline: wanted.pipeline.clone(),
-            device: subject.device_name(),
+            command: String::new(),
+            origin: Origin {
+                provenance: Provenance::of(subject),
+                pipeline: pipeline.clone(),
+                set: set.clone(),
+                rounds: frames.rounds,
+                frames: frames.frames,
+            },
+            missing: Vec::new(),
             steps: Vec::new(),
             closer: Vec::new(),
             fit: None,
