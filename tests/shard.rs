@@ -189,6 +189,13 @@ fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
         }
         let told = run(&place, "merge of-1", &["-o", "part"], 1);
         assert!(told.contains("1 of 3 views are present\nmissing: one\nmissing: three\n"), "{told}");
+        let part = place.json(&format!("part/{file}"));
+        assert_eq!(part["missing"], json!(["one", "three"]), "{line}");
+        let commands = part["command"].as_str().and_then(|command| command.split_once('\n'));
+        let (shard, merge) = commands.expect("two commands");
+        assert!(shard.ends_with("--shard 1/2") && merge.ends_with("merge of-1 -o part"), "{part}");
+        let page = place.text(&format!("part/{}", file.replace(".json", ".html")));
+        assert!(page.contains("1 of 3 views (missing: <code>one</code>, <code>three</code>)"), "{page}");
         run(&place, "merge of-1 of-0 -o many", &[], 0);
         let (one, many) = (files(&place, "one"), files(&place, "many"));
         assert!(one.keys().eq(many.keys()), "{:?} {:?}", one.keys(), many.keys());

@@ -177,6 +177,17 @@ fn a_ledger_of_other_inputs_is_refused_and_rows_of_the_same_inputs_are_kept() {
 }
 
 #[test]
+fn a_preset_with_the_plan_of_its_graph_is_measured_by_the_name_of_the_graph() {
+    let place = Place::new();
+    place.cameras(&["one"]);
+    // The scene has no mesh.
+    let only = "--only 'preset mesh_quads' --only 'preset splat'";
+    let table = place.done(&format!("{SHORT} {only}"));
+    let row = table.lines().find(|line| line.contains("preset splat ")).expect("a row");
+    assert!(row.ends_with("same plan: preset mesh_quads"), "{table}");
+}
+
+#[test]
 fn a_view_without_splats_has_no_wrong_pair_and_an_infinite_psnr() {
     let place = Place::new();
     place.cameras(&["one", "away"]);
@@ -211,7 +222,9 @@ fn settings_with_the_plan_of_another_are_not_measured_and_a_stale_order_earns_no
     let row = table.lines().find(|line| line.contains("preset stale_order")).expect("a row");
     assert!(row.starts_with(' ') && row.ends_with("reads the previous frame"), "{table}");
     assert!(table.contains("`preset stale_order` is not judged"), "{table}");
-    assert!(!table.contains("digit8"), "{table}");
+    let row = table.lines().find(|line| line.contains("defaults ")).expect("a row");
+    assert!(row.ends_with("same plan: preset digit8") && table.matches("digit8").count() == 1, "{table}");
+    assert_eq!(ledger(&place)["same_plan"], serde_json::json!({ "defaults": ["preset digit8"] }));
     // One round is not enough to judge time.
     assert!(table.contains("too noisy to tell whether") && table.contains("at least 8 frames"), "{table}");
     let csv = place.text("ledger/ledger.csv");

@@ -163,7 +163,7 @@ pub fn trade<'py>(
     let page = trading::page::page(&ledger, &lines, &failed, &trading::pictures::Album::default())
         .map_err(|error| errors::study(py, &error.into()))?;
     let all = json!({
-        "lines": lines, "failed": failed, "rows": ledger.rows, "device": ledger.origin.device, "messages": messages,
+        "lines": lines, "failed": failed, "rows": ledger.rows, "device": ledger.origin.provenance.device, "messages": messages,
         "notes": trading::table::notes(&lines), "table": table, "csv": trading::table::csv(&lines), "html": page,
     });
     errors::to_python(py, &all)

@@ -18,7 +18,7 @@ use std::path::PathBuf;
 /// with all their files are counted. Files that are found to be damaged count as missing.
 ///
 /// Processes that do not share a disk have a folder each: name all of them. If views are missing, the files contain the
-/// others, scores.json lists the missing ones and has no means, and the exit code is 1.
+/// others and list the missing ones, scores.json has no means, and the exit code is 1.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph render scene.ply -c garden/ -o out/ --shard 0/2   # on one machine

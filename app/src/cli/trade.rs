@@ -12,6 +12,7 @@ use crate::io::image::{Format, Image};
 use crate::io::load::LoadOptions;
 use crate::io::output::names::MAX_NAME_BYTES;
 use crate::io::output::{self, OutputGuard, say};
+use crate::studies::measurement::plans::SamePlan;
 use crate::studies::study::{Setting, StudyError, Subject};
 use crate::studies::trade::ledger::{Book, Ledger};
 use crate::studies::trade::measure::Row;
@@ -20,6 +21,8 @@ use crate::studies::trade::pictures::{self, Album};
 use crate::studies::trade::table::{csv, notes, table};
 use crate::studies::trade::{Study, Wanted, study};
 use anyhow::{Context, Result, bail};
+use serde::Deserialize;
+use serde_json::json;
 use splatgraph_assets::photograph::EXTENSIONS;
 use splatgraph_assets::{Camera, Dataset, View};
 use std::collections::{BTreeSet, HashMap};
@@ -133,14 +136,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let given = args.drawing.cameras(args.scene.as_deref())?;
     let mut guard = guard(args)?;
     let (subject, wanted) = open(args, &mut guard, given, Some(args.output.join(LEDGER)))?;
-    let ledger = study(&subject, &wanted, &mut Console::default()).map_err(usage)?;
-    report(ledger, &args.output)?;
+    let mut ledger = study(&subject, &wanted, &mut Console::default()).map_err(usage)?;
+    ledger.command = options::command_line();
+    report(&ledger, &args.output)?;
     Ok(super::outcome::validated(args.device.validate, &subject.device.close()))
 }
 
 /// Prints a ledger and writes its files.
-fn report(mut ledger: Ledger, output: &Path) -> Result<()> {
-    ledger.command = options::command_line();
+fn report(ledger: &Ledger, output: &Path) -> Result<()> {
     let file = |name: &str| output.join(name);
     ledger.save(&file(LEDGER))?;
     let (lines, failed) = ledger.lines();
@@ -149,10 +152,11 @@ fn report(mut ledger: Ledger, output: &Path) -> Result<()> {
     for (setting, why) in &failed {
         say(format!("{setting}: {why}"));
     }
-    output::write_bytes(&file(CSV), csv(&lines).as_bytes())?;
+    let text = ledger.origin.provenance.stamp(&csv(&lines));
+    output::write_bytes(&file(CSV), text.as_bytes())?;
     let album = Album::beside(&file(LEDGER));
-    output::write_bytes(&file(PAGE), page(&ledger, &lines, &failed, &album)?.as_bytes())?;
-    if let Some(plot) = plot(&ledger, &lines) {
+    output::write_bytes(&file(PAGE), page(ledger, &lines, &failed, &album)?.as_bytes())?;
+    if let Some(plot) = plot(ledger, &lines) {
         options::write_plot(&plot, output, PLOT)?;
     }
     say(format!("{} shows the result", file(PAGE).display()));
@@ -189,7 +193,10 @@ impl Work for Views {
         let mut origin = origin.as_object().cloned().unwrap_or_default();
         // Other machines may have other paths to the same files.
         let names = ["scene", "truth"].into_iter().filter_map(|name| origin.remove_entry(name)).collect();
-        origin.insert(job::REQUEST.into(), serde_json::Value::Object(names));
+        let names = serde_json::Value::Object(names);
+        let (command, same_plan) = (options::command_line(), study.same_plan());
+        let request = json!({ "names": names, "command": command, "same_plan": same_plan });
+        origin.insert(job::REQUEST.into(), request);
         self.open = Some((subject, wanted, study));
         Ok(origin)
     }
@@ -223,12 +230,22 @@ fn album_of(part: &Path) -> Album {
     Album::beside(&part.with_extension("").join(LEDGER))
 }
 
+/// The [`job::REQUEST`] of shared views.
+#[derive(Deserialize)]
+struct Request {
+    /// Names of the scene and the truth.
+    names: job::Origin,
+    command: String,
+    same_plan: SamePlan,
+}
+
 /// Writes the ledger of the views that several processes measured. `found` lists the views' result files.
 pub fn merge(origin: &job::Origin, parts: Vec<Vec<Row>>, found: &[PathBuf], output: &Path) -> Result<()> {
     let mut origin = origin.clone();
-    if let Some(serde_json::Value::Object(names)) = origin.remove(job::REQUEST) {
-        origin.extend(names);
-    }
+    let request = origin.remove(job::REQUEST).context("the request of a ledger")?;
+    let Request { names, command, same_plan } =
+        serde_json::from_value(request).context("the request of a ledger")?;
+    origin.extend(names);
     let origin = serde_json::from_value(origin.into()).context("the origin of a ledger")?;
     let of_camera: HashMap<String, &PathBuf> = parts
         .iter()
@@ -239,8 +256,10 @@ pub fn merge(origin: &job::Origin, parts: Vec<Vec<Row>>, found: &[PathBuf], outp
     let (mut book, lost) = Book::open(Some(path.clone()), origin, &[])?;
     lost.into_iter().for_each(say);
     parts.into_iter().flatten().for_each(|row| book.insert(row));
+    book.ledger.add_same_plan(same_plan);
     book.save()?;
-    let (ledger, album) = (book.ledger, Album::beside(&path));
+    let (mut ledger, album) = (book.ledger, Album::beside(&path));
+    ledger.command = format!("{command}\n{}", options::command_line());
     let settings: BTreeSet<&str> = ledger.rows.iter().map(|row| row.setting.as_str()).collect();
     for setting in settings {
         if let Some((camera, _)) = ledger.farthest(setting)
@@ -249,7 +268,7 @@ pub fn merge(origin: &job::Origin, parts: Vec<Vec<Row>>, found: &[PathBuf], outp
             album.copy(&album_of(part), camera, setting)?;
         }
     }
-    report(ledger, output)
+    report(&ledger, output)
 }
 
 fn usage(error: StudyError) -> anyhow::Error {

@@ -102,7 +102,7 @@ pub fn study(
         let drawn: Result<Vec<View>, StudyError> = drawn.map(|(step, view)| step.and(view)).collect();
         Ok((planned, drawn?))
     })?;
-    let Planned { settings: singles, pipelines: _pipelines } = planned;
+    let Planned { settings: singles, pipelines: _pipelines, .. } = planned;
     let effort = wanted.frames.choose(&mut exact, first, FRAMES_DIVISOR)?;
 
     let mut steps = Steps::new(listener, "measuring", singles.len() + DRAWN.0);

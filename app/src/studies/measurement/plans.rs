@@ -8,6 +8,7 @@ use splatgraph_assets::Camera;
 use splatgraph_framework::ir::Origin;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Cancel;
+use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
@@ -44,10 +45,15 @@ pub fn uses_last_frame(plan: &Plan) -> bool {
     plan.resources.iter().any(|resource| resource.history.is_some())
 }
 
+/// For a setting, the names of the settings with equal plans, which are not measured.
+pub type SamePlan = BTreeMap<String, BTreeSet<String>>;
+
 /// Settings to measure.
 pub struct Planned {
     /// Each setting with the hash of its plans, `None` if one cannot be built.
     pub settings: Vec<(Setting, Option<u64>)>,
+    /// The settings that are left out because of equal plans.
+    pub same_plan: SamePlan,
     /// Pipelines of each setting's plan for one picture size, compiled ahead of the measurements.
     ///
     /// Empty on CPUs, where compilation would compete with frames for cores.
@@ -57,8 +63,9 @@ pub struct Planned {
 /// Leaves out the settings that draw the same pictures as another, and reports each with the reason.
 ///
 /// A setting is left out if its parameter has no effect in the plan of `exact`, or if its plans for all cameras equal
-/// an earlier setting's. `exact` is a prepared session of the first setting. Settings rejected by `wanted` are dropped
-/// without a report. On a GPU, one plan of each setting is compiled ahead, on other threads.
+/// an earlier setting's. Presets come after the graphs and presets that they are based on, whose names are kept if plans
+/// are equal. `exact` is a prepared session of the first setting. Settings rejected by `wanted` are
+/// dropped without a report. On a GPU, one plan of each setting is compiled ahead, on other threads.
 ///
 /// # Errors
 /// The exact settings are not prepared, or the listener cancels.
@@ -73,6 +80,7 @@ pub fn to_measure(
     let (all, lines) = with_effect(all, plan);
     lines.iter().for_each(|line| listener.say(line));
     let all: Vec<Setting> = all.into_iter().filter(wanted).collect();
+    let graph = all.first().map(|exact| exact.pipeline.clone());
     let mut sizes: Vec<(u32, u32)> = cameras.iter().map(|camera| (camera.width, camera.height)).collect();
     sizes.sort_unstable();
     sizes.dedup();
@@ -86,7 +94,9 @@ pub fn to_measure(
             steps.next(&setting.name).inspect_err(|_| is_cancelled.store(true, Ordering::Relaxed))?;
             let plans = sizes.iter().map(|size| exact.plan_of(&setting.pipeline, &setting.set, *size));
             let plans = plans.collect::<Result<Vec<Plan>, _>>().ok();
-            planned.push((setting, plans.as_deref().map(fingerprints)));
+            let based_on = plans.iter().flatten().map(|plan| plan.based_on.len()).max().unwrap_or(0);
+            let depth = if Some(&setting.pipeline) == graph.as_ref() { 0 } else { 1 + based_on };
+            planned.push((depth, (setting, plans.as_deref().map(fingerprints))));
             for plan in plans.into_iter().flatten().take(ahead) {
                 let (is_cancelled, sender) = (is_cancelled.clone(), sender.clone());
                 let cancel = Cancel::new(move || is_cancelled.load(Ordering::Relaxed));
@@ -100,9 +110,13 @@ pub fn to_measure(
         Ok(())
     })?;
     drop(sender);
-    let (settings, lines) = distinct(planned);
-    lines.iter().for_each(|line| listener.say(line));
-    Ok(Planned { settings, pipelines: pipelines.into_iter().collect() })
+    planned.sort_by_key(|(depth, _)| *depth);
+    let (settings, same_plan) = distinct(planned.into_iter().map(|(_, planned)| planned));
+    for (setting, other) in same_plan.iter().flat_map(|(setting, all)| all.iter().map(move |o| (setting, o)))
+    {
+        listener.say(&format!("not measured: `{other}` has the same plan as `{setting}`"));
+    }
+    Ok(Planned { settings, same_plan, pipelines: pipelines.into_iter().collect() })
 }
 
 fn fingerprints(plans: &[Plan]) -> u64 {
@@ -111,19 +125,21 @@ fn fingerprints(plans: &[Plan]) -> u64 {
     hash.finish()
 }
 
-/// Leaves out settings with plans that equal an earlier setting's. Also returns a message for each.
-fn distinct(all: Vec<(Setting, Option<u64>)>) -> (Vec<(Setting, Option<u64>)>, Vec<String>) {
+/// Leaves out settings with plans that equal an earlier setting's. Also returns which are left out.
+fn distinct(
+    all: impl IntoIterator<Item = (Setting, Option<u64>)>,
+) -> (Vec<(Setting, Option<u64>)>, SamePlan) {
     let mut kept: Vec<(Setting, Option<u64>)> = Vec::new();
-    let mut lines = Vec::new();
+    let mut same = SamePlan::new();
     for (setting, plan) in all {
         match kept.iter().find(|(_, other)| plan.is_some() && *other == plan) {
             Some((other, _)) => {
-                lines.push(format!("not measured: `{}` has the same plan as `{}`", setting.name, other.name));
+                same.entry(other.name.clone()).or_default().insert(setting.name);
             }
             None => kept.push((setting, plan)),
         }
     }
-    (kept, lines)
+    (kept, same)
 }
 
 #[cfg(test)]
@@ -148,11 +164,11 @@ mod tests {
     fn a_setting_with_the_plan_of_an_earlier_one_is_left_out_and_one_without_a_plan_is_not() {
         let setting = |name: &str| Setting { name: name.into(), pipeline: "splat".into(), set: Vec::new() };
         let all = [("a", Some(1)), ("b", Some(2)), ("c", Some(1)), ("d", None), ("e", None)];
-        let (kept, lines) = distinct(all.map(|(name, plan)| (setting(name), plan)).to_vec());
+        let (kept, same) = distinct(all.map(|(name, plan)| (setting(name), plan)));
         let names: Vec<&str> = kept.iter().map(|(setting, _)| setting.name.as_str()).collect();
         assert_eq!(
-            (names, lines),
-            (vec!["a", "b", "d", "e"], vec!["not measured: `c` has the same plan as `a`".to_owned()])
+            (names, same),
+            (vec!["a", "b", "d", "e"], SamePlan::from([("a".into(), ["c".into()].into())]))
         );
     }
 }

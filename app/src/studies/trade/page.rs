@@ -68,14 +68,8 @@ pub fn page(
     let origin = &ledger.origin;
     let mut page = Page::new(&format!("{}: what each setting saves and costs", origin.title()));
     page.text(&format!(
-        "`{}`, {} splats, {}, on {}. The truth is {}.",
-        origin.scene,
-        origin.splats,
-        match origin.cameras.len() {
-            1 => "one view".to_owned(),
-            views => format!("{views} views"),
-        },
-        origin.device,
+        "{} The truth is {}.",
+        origin.provenance.text(&ledger.missing()),
         if origin.truth == "reference" { "the exact renderer's" } else { origin.truth.as_str() },
     ));
     if !ledger.command.is_empty() {
@@ -111,7 +105,10 @@ pub fn page(
             std::iter::once(line.setting.clone()).chain(phases.iter().map(cell)).collect()
         };
         page.table(&header, &lines.iter().map(row).collect::<Vec<Vec<String>>>());
-        page.text("The median of the rounds, mean of the views, ± half of the largest spread of a view.");
+        page.text("The median of a few frames with timestamps at passes, mean of the views, ± half of the largest spread of a view. These timestamps take time.");
+        if let Some(note) = origin.provenance.note() {
+            page.text(note);
+        }
     }
     for (setting, why) in failed {
         page.text(&format!("`{setting}` was not measured:"));
@@ -124,7 +121,7 @@ pub fn page(
 
 #[cfg(test)]
 mod tests {
-    use super::super::ledger::testing::{ledger, line};
+    use super::super::ledger::testing::{ledger, line, row};
     use super::*;
     use std::path::Path;
 
@@ -139,7 +136,7 @@ mod tests {
             line("fast", 1.0, 40.0, Mark::Best),
             line("bad", 3.0, 30.0, Mark::Beaten),
         ];
-        let ledger = ledger(Vec::new());
+        let ledger = ledger(vec![row("exact", "", Err("no".into()))]);
         let plot = plot(&ledger, &lines).unwrap();
         let names = |at: usize| plot.series[at].points.iter().map(|p| p.name.as_str()).collect::<Vec<_>>();
         assert_eq!((names(0), names(1)), (vec!["bad"], vec!["fast", "exact (inf)"]));
@@ -147,6 +144,13 @@ mod tests {
         assert_eq!(plot.bars[1], Bar { x: (24.0, 26.0), y: 40.0 });
         let ledger = Ledger { command: "splatgraph trade scene.ply".into(), ..ledger };
         let html = page(&ledger, &lines, &[("broken".into(), "error: no".into())], &no_pictures()).unwrap();
+        let on_cpu = |is_cpu: bool| {
+            let mut ledger = ledger.clone();
+            ledger.origin.provenance.is_cpu = is_cpu;
+            let html = page(&ledger, &lines, &[], &no_pictures()).unwrap();
+            html.contains("only the GPU ms of whole frames are reliable")
+        };
+        assert!(on_cpu(true) && !on_cpu(false));
         for text in [
             "fast *",
             "<td>bad</td>",

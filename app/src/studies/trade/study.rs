@@ -8,10 +8,11 @@ use crate::draw::session::Session;
 use crate::io::image::Image;
 use crate::io::program;
 use crate::io::report::text::hex;
-use crate::studies::measurement::plans::{Planned, to_measure};
+use crate::studies::measurement::plans::{Planned, SamePlan, to_measure};
 use crate::studies::measurement::settings;
 use crate::studies::measurement::time::FRAMES_DIVISOR;
 use crate::studies::measurement::view::View;
+use crate::studies::provenance::Provenance;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use splatgraph_api::{Compiled, Device};
 use splatgraph_assets::{Camera, Scene};
@@ -69,6 +70,7 @@ pub struct Study {
     session: Session,
     /// The settings, each with the hash of its plans, `None` if one cannot be built. The exact settings are first.
     settings: Vec<(Setting, Option<u64>)>,
+    same_plan: SamePlan,
     origin: Origin,
     /// Keeps the settings' pipelines alive, so that they are not created again.
     _pipelines: Vec<Compiled>,
@@ -96,15 +98,20 @@ impl Study {
             let name = &setting.name;
             *name == settings::EXACT || only(wanted, name) || earlier.contains(name)
         };
-        let Planned { settings, pipelines } =
+        let Planned { settings, same_plan, pipelines } =
             to_measure(settings, &mut exact, &subject.cameras, &is_wanted, listener)?;
         let origin = origin(subject, wanted, &controls, settings[0].1)?;
-        Ok(Study { exact, session, settings, origin, _pipelines: pipelines })
+        Ok(Study { exact, session, settings, same_plan, origin, _pipelines: pipelines })
     }
 
     /// Returns the inputs on which the rows depend.
     pub fn origin(&self) -> &Origin {
         &self.origin
+    }
+
+    /// Returns the settings that are not measured because their plans equal another's.
+    pub fn same_plan(&self) -> &SamePlan {
+        &self.same_plan
     }
 
     /// Opens a ledger, with the rows of an earlier run that has the same origin.
@@ -115,7 +122,8 @@ impl Study {
         let plans: Vec<_> =
             self.settings.iter().map(|(setting, plan)| (setting.name.as_str(), *plan)).collect();
         let name = file.as_deref().map(|file| file.display().to_string()).unwrap_or_default();
-        let (book, lost) = Book::open(file, self.origin.clone(), &plans)?;
+        let (mut book, lost) = Book::open(file, self.origin.clone(), &plans)?;
+        book.ledger.add_same_plan(self.same_plan.clone());
         lost.iter().for_each(|line| listener.say(line));
         if !book.ledger.rows.is_empty() {
             listener.say(&format!("{name}: {} rows of an earlier run are kept", book.ledger.rows.len()));
@@ -298,14 +306,11 @@ fn origin(
         None => ("reference".to_owned(), String::new()),
     };
     Ok(Origin {
-        version: env!("CARGO_PKG_VERSION").into(),
+        provenance: Provenance::of(subject),
         program: program::hash()
             .map_err(|error| StudyError::Input(format!("the ledger's origin: {error}")))?,
-        scene: subject.name.clone(),
-        splats: subject.scene.count(),
         content: hex(subject.scene.identity()),
         tags: subject.scene.notes().rules().map(|(name, value)| (name.to_owned(), value.to_owned())).into(),
-        cameras: subject.cameras.clone(),
         // Without its folder, because the plans identify the graph.
         pipeline: name_of(&wanted.pipeline),
         // Parsed values in the graph's order, because users may write another order, and 0.010 for 0.01.
@@ -313,7 +318,6 @@ fn origin(
         exact: exact.map_or_else(String::new, hex),
         truth,
         truth_content,
-        device: subject.device_name(),
         opened: format!("{:?}, bounds {:?}, {}", info.facts, info.robustness, wanted.opened),
         rounds: wanted.frames.rounds,
         frames: wanted.frames.frames,

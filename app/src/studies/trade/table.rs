@@ -35,7 +35,10 @@ pub(super) const COLUMNS: [(&str, &str); 13] = [
     ("off", "pixels that differ by more than 1/255"),
     ("inversions", "pairs of visible splats in the wrong order"),
     ("MiB", "memory on the device"),
-    ("note", "why a setting is not judged, or only likely"),
+    (
+        "note",
+        "why a setting is not judged, or only likely; the settings with the same plan, which are not measured",
+    ),
 ];
 
 pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
@@ -52,16 +55,18 @@ pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
         format!("{:.2} %", 100.0 * line.off),
         line.inversions.map_or("-".into(), |count| count.to_string()),
         format!("{:.1}", line.gpu_bytes as f64 / f64::from(1 << 20)),
-        note(line.mark).into(),
+        note(line),
     ]
 }
 
-fn note(mark: Mark) -> &'static str {
-    match mark {
-        Mark::Best | Mark::Beaten => "",
-        Mark::Likely | Mark::Unlikely => "too noisy to tell",
-        Mark::Hidden => "reads the previous frame",
-    }
+fn note(line: &Line) -> String {
+    let mark = match line.mark {
+        Mark::Best | Mark::Beaten => None,
+        Mark::Likely | Mark::Unlikely => Some("too noisy to tell".to_owned()),
+        Mark::Hidden => Some("reads the previous frame".to_owned()),
+    };
+    let same = (!line.same_plan.is_empty()).then(|| format!("same plan: {}", line.same_plan.join(", ")));
+    mark.into_iter().chain(same).collect::<Vec<_>>().join("; ")
 }
 
 /// Returns the symbol of a mark: `*` on the Pareto front, `?` possibly on it, otherwise a space.
@@ -133,7 +138,7 @@ pub fn table(lines: &[Line]) -> String {
 /// Writes lines as CSV (RFC 4180), with all digits; missing values are empty, and an infinite PSNR is `inf`.
 pub fn csv(lines: &[Line]) -> String {
     let mut text = String::from(
-        "setting,gpu_ms,spread_ms,of_exact,of_exact_low,of_exact_high,psnr_db,covered_psnr_db,ssim,flip,worst,off,inversions,gpu_bytes,pareto",
+        "setting,gpu_ms,spread_ms,of_exact,of_exact_low,of_exact_high,psnr_db,covered_psnr_db,ssim,flip,worst,off,inversions,gpu_bytes,pareto,same_plan",
     );
     let phases = phase_names(lines);
     phases.iter().for_each(|name| text += &format!(",{name}_ms,{name}_spread_ms"));
@@ -161,6 +166,7 @@ pub fn csv(lines: &[Line]) -> String {
                 Mark::Likely | Mark::Unlikely => "too noisy to tell",
                 Mark::Hidden => "not judged",
             }),
+            text::quoted(&line.same_plan.join(", ")),
         ];
         for name in &phases {
             let phase = line.phases.iter().find(|(own, ..)| own == name);
@@ -184,7 +190,7 @@ mod tests {
             line("exact", 4.0, f64::INFINITY, Mark::Best),
             line("fast", 1.0, 40.0, Mark::Likely),
             line("bad", 3.0, 30.0, Mark::Beaten),
-            line("stale", 2.0, 50.0, Mark::Hidden),
+            Line { same_plan: vec!["other".into()], ..line("stale", 2.0, 50.0, Mark::Hidden) },
         ];
         let text = table(&lines);
         let row = |name: &str| text.lines().find(|line| line[2..].starts_with(name)).expect("a row");
@@ -193,7 +199,8 @@ mod tests {
         assert!(row("fast").starts_with('?') && row("fast").ends_with("too noisy to tell"), "{text}");
         assert!(row("bad").starts_with(' ') && row("bad").ends_with("1.0"), "{text}");
         assert!(
-            row("stale").starts_with(' ') && row("stale").ends_with("reads the previous frame"),
+            row("stale").starts_with(' ')
+                && row("stale").ends_with("reads the previous frame; same plan: other"),
             "{text}"
         );
         let notes = notes(&lines).join("\n");
@@ -212,7 +219,7 @@ mod tests {
         let csv = csv(&lines);
         assert_eq!(csv.lines().count(), 5);
         assert!(csv.starts_with("setting,gpu_ms") && csv.contains(",draw_ms,draw_spread_ms\n"), "{csv}");
-        assert!(csv.contains(",\"not judged\",") && csv.contains(",0.25,0.24,0.26,40,"), "{csv}");
+        assert!(csv.contains(",\"not judged\",\"other\",") && csv.contains(",0.25,0.24,0.26,40,"), "{csv}");
     }
 
     #[test]

@@ -8,15 +8,19 @@ use crate::io::report::text::hex;
 use crate::io::{output, own_file};
 use crate::studies::measurement::error::{joint_psnr, mean, weighted_psnr};
 use crate::studies::measurement::noise::{self, Mark, Point, Share};
+use crate::studies::measurement::plans::SamePlan;
 use crate::studies::measurement::settings::EXACT;
 use crate::studies::measurement::time::Time;
 use crate::studies::measurement::view::Measured;
+use crate::studies::provenance::Provenance;
 use crate::studies::study::StudyError;
+use indexmap::IndexSet;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
-use splatgraph_assets::{Camera, file};
+use splatgraph_assets::file;
 use splatgraph_reference::metrics::{decibels, squared_error};
 use std::collections::BTreeSet;
+use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::{BufRead as _, BufReader, ErrorKind};
@@ -25,20 +29,15 @@ use std::path::{Path, PathBuf};
 /// The inputs that all rows of a ledger depend on, besides the plan of each setting ([`Row::plan`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
-    /// The program's version.
-    pub version: String,
+    /// The program, the device, the scene and the views.
+    #[serde(flatten)]
+    pub provenance: Provenance,
     /// Hash of the executable, which contains the exact renderer and the metrics.
     pub program: String,
-    /// Name of the scene, for headings: the same scene may have another path.
-    pub scene: String,
-    /// Number of splats in the scene.
-    pub splats: u32,
     /// Hash of the scene's contents.
     pub content: String,
     /// The scene's tags that pictures depend on.
     pub tags: Vec<(String, String)>,
-    /// Cameras, with the size of their pictures.
-    pub cameras: Vec<Camera>,
     /// Name of the graph, or of its file.
     pub pipeline: String,
     /// Names and values of the parameters that are the same in every setting, in the graph's order.
@@ -50,8 +49,6 @@ pub struct Origin {
     pub truth: String,
     /// Hash of the pixels in the folder's pictures; empty for `reference`.
     pub truth_content: String,
-    /// The device and its driver.
-    pub device: String,
     /// Facts of the device, and the checks that are enabled on it.
     pub opened: String,
     /// Maximum number of rounds.
@@ -63,25 +60,25 @@ pub struct Origin {
 impl Origin {
     /// Formats the names of the scene and the graph, for headings.
     pub fn title(&self) -> String {
-        let name = Path::new(&self.scene)
-            .file_stem()
-            .map_or_else(|| self.scene.as_str().into(), |s| s.to_string_lossy());
+        let scene = &self.provenance.scene;
+        let name = Path::new(scene).file_stem().map_or(scene.into(), OsStr::to_string_lossy);
         format!("{name}, {}", self.pipeline)
     }
 
     /// Lists the inputs that differ from another origin's, in words for the user. Names for headings are not compared.
     pub fn changes(&self, other: &Origin) -> Vec<&'static str> {
+        let (own, others) = (&self.provenance, &other.provenance);
         let differs = [
-            ("program", self.version != other.version || self.program != other.program),
-            ("scene", (self.splats, &self.content) != (other.splats, &other.content)),
+            ("program", own.version != others.version || self.program != other.program),
+            ("scene", (own.splats, &self.content) != (others.splats, &other.content)),
             ("set of tags", self.tags != other.tags),
-            ("set of cameras", self.cameras != other.cameras),
+            ("set of cameras", own.cameras != others.cameras),
             (
                 "graph",
                 (&self.pipeline, &self.set, &self.exact) != (&other.pipeline, &other.set, &other.exact),
             ),
             ("truth", self.truth_content != other.truth_content),
-            ("device", self.device != other.device),
+            ("device", own.device != others.device),
             ("set of device options", self.opened != other.opened),
             ("number of rounds", self.rounds != other.rounds),
             ("number of frames", self.frames != other.frames),
@@ -93,13 +90,26 @@ impl Origin {
 /// The rows of a run, with their origin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ledger {
-    /// The command that wrote the file last; empty while it measures.
+    /// The command that wrote the file last; empty while it measures. If it was `merge`, the line before has the command
+    /// of a shard.
     #[serde(default)]
     pub command: String,
     /// The inputs on which the numbers depend.
     pub origin: Origin,
+    /// For a setting, the settings with equal plans, which are not measured.
+    #[serde(default)]
+    pub same_plan: SamePlan,
     /// A row per setting and camera.
     pub rows: Vec<Row>,
+}
+
+/// The fields of a ledger's file.
+#[derive(Serialize)]
+struct Saved<'a> {
+    #[serde(flatten)]
+    ledger: &'a Ledger,
+    /// Views without rows.
+    missing: Vec<String>,
 }
 
 /// A ledger, and the file to which it is saved.
@@ -173,8 +183,9 @@ impl Book {
             path.as_ref().and_then(|path| own_file::read(path).ok()).filter(|bytes| !bytes.is_empty());
         let shown = path.as_deref().unwrap_or(Path::new("")).display();
         let mut lost = None;
-        let mut rows = match bytes.as_deref().map_or(Ok(Vec::new()), |bytes| rows_of(bytes, &origin)) {
-            Ok(rows) => rows,
+        let found = bytes.as_deref().map_or(Ok(Default::default()), |bytes| rows_of(bytes, &origin));
+        let (mut rows, mut same_plan) = match found {
+            Ok(found) => found,
             // Not an error: a nightly job has to survive updates of the program and of the driver.
             Err(changes) if changes.iter().all(|change| ["program", "device"].contains(change)) => {
                 let kept = set_aside(path.as_deref(), &bytes.unwrap_or_default())?;
@@ -183,7 +194,7 @@ impl Book {
                     "{shown}: measured with another {changes}: it is kept as {}, and all settings are measured again",
                     kept.display()
                 ));
-                Vec::new()
+                Default::default()
             }
             Err(changes) => {
                 return Err(StudyError::Input(format!(
@@ -196,13 +207,15 @@ impl Book {
             |row: &Row| plans.iter().any(|(name, plan)| row.setting == *name && row.plan == plan.map(hex));
         let all = rows.len();
         rows.retain(|row| plans.is_empty() || is_current(row));
+        same_plan.retain(|setting, _| rows.iter().any(|row| row.setting == *setting));
         if rows.len() < all {
             let count = all - rows.len();
             lost = Some(format!(
                 "{shown}: {count} rows of an earlier run are measured again or left out: their settings' plans have changed"
             ));
         }
-        Ok((Book { ledger: Ledger { command: String::new(), origin, rows }, path, _lock: lock }, lost))
+        let ledger = Ledger { command: String::new(), origin, same_plan, rows };
+        Ok((Book { ledger, path, _lock: lock }, lost))
     }
 
     /// Returns true if there is a row of the setting in this view, even one that failed.
@@ -221,7 +234,8 @@ impl Book {
     /// Rows are sorted by camera, even if several processes measured them in another order.
     pub fn insert(&mut self, row: Row) {
         let Ledger { origin, rows, .. } = &mut self.ledger;
-        let index = |row: &Row| origin.cameras.iter().position(|camera| camera.img_name == row.camera);
+        let cameras = &origin.provenance.cameras;
+        let index = |row: &Row| cameras.iter().position(|camera| camera.img_name == row.camera);
         rows.retain(|other| (&other.setting, &other.camera) != (&row.setting, &row.camera));
         let own = index(&row);
         let at = rows.partition_point(|other| index(other) <= own);
@@ -247,12 +261,13 @@ fn set_aside(path: Option<&Path>, bytes: &[u8]) -> Result<PathBuf, output::Outpu
     Ok(copy)
 }
 
-/// Reads the rows of a ledger. The error lists what differs from `origin`; a ledger without rows fits any origin.
-fn rows_of(bytes: &[u8], origin: &Origin) -> Result<Vec<Row>, Vec<&'static str>> {
+/// Reads the rows of a ledger, and which settings have equal plans. The error lists what differs from `origin`; a ledger
+/// without rows fits any origin.
+fn rows_of(bytes: &[u8], origin: &Origin) -> Result<(Vec<Row>, SamePlan), Vec<&'static str>> {
     // Another version of the program wrote other fields.
     let found: Ledger = serde_json::from_slice(bytes).map_err(|_| vec!["program"])?;
     match found.origin.changes(origin) {
-        changes if changes.is_empty() || found.rows.is_empty() => Ok(found.rows),
+        changes if changes.is_empty() || found.rows.is_empty() => Ok((found.rows, found.same_plan)),
         changes => Err(changes),
     }
 }
@@ -291,11 +306,26 @@ pub struct Line {
     pub gpu_bytes: u64,
     /// Phases: name, mean milliseconds over the views, and largest spread over the views, `None` with one round.
     pub phases: Vec<(String, f64, Option<f64>)>,
+    /// Names of the settings with the same plan, which are not measured.
+    pub same_plan: Vec<String>,
     /// Position of the setting relative to the Pareto front.
     pub mark: Mark,
 }
 
 impl Ledger {
+    /// Lists the views without rows of the exact settings.
+    pub fn missing(&self) -> Vec<String> {
+        let is_measured = |name: &str| self.rows.iter().any(|row| row.setting == EXACT && row.camera == name);
+        self.origin.provenance.missing(is_measured)
+    }
+
+    /// Adds settings with equal plans to those of earlier runs.
+    pub fn add_same_plan(&mut self, found: SamePlan) {
+        for (setting, others) in found {
+            self.same_plan.entry(setting).or_default().extend(others);
+        }
+    }
+
     /// Returns the camera at which a setting has its lowest PSNR, and that PSNR, `None` for equal pictures.
     ///
     /// `None` if the setting was not drawn.
@@ -312,7 +342,8 @@ impl Ledger {
     /// # Errors
     /// The file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), output::OutputError> {
-        let text = serde_json::to_string_pretty(self).unwrap_or_default();
+        let saved = Saved { ledger: self, missing: self.missing() };
+        let text = serde_json::to_string_pretty(&saved).unwrap_or_default();
         output::write_bytes(path, format!("{text}\n").as_bytes())
     }
 
@@ -329,13 +360,18 @@ impl Ledger {
         let (mut lines, mut failed) = (Vec::new(), Vec::new());
         let of = |name: &str| self.rows.iter().filter(|row| row.setting == name).collect::<Vec<_>>();
         let views = of(EXACT).len();
-        for name in names {
+        for &name in &names {
             let rows = of(name);
             match rows.iter().map(|row| row.found.as_ref()).collect::<Result<Vec<_>, _>>() {
                 Ok(found) if found.len() < views => {
                     failed.push((name.into(), format!("measured in only {} of {views} views", found.len())));
                 }
-                Ok(found) => lines.push(line(name, &found)),
+                Ok(found) => {
+                    // A setting that was measured by itself is not called equal, in case its plan has changed since.
+                    let same = self.same_plan.get(name).into_iter().flatten();
+                    let same = same.filter(|other| !names.contains(&other.as_str())).cloned().collect();
+                    lines.push(Line { same_plan: same, ..line(name, &found) });
+                }
                 Err(text) => failed.push((name.to_string(), text.clone())),
             }
         }
@@ -365,12 +401,13 @@ fn line(name: &str, views: &[&Measured]) -> Line {
         busy: times.as_ref().and_then(|times| times.iter().map(|time| time.busy).reduce(f64::min)),
         gpu_bytes: views.iter().map(|view| view.gpu_bytes).max().unwrap_or(0),
         phases: phases(&times.unwrap_or_default()),
+        same_plan: Vec::new(),
         mark: if views.iter().any(|view| view.of_last_frame) { Mark::Hidden } else { Mark::Beaten },
     }
 }
 
 fn phases(times: &[&Time]) -> Vec<(String, f64, Option<f64>)> {
-    let names: BTreeSet<&String> = times.iter().flat_map(|time| time.phases.keys()).collect();
+    let names: IndexSet<&String> = times.iter().flat_map(|time| time.phases.keys()).collect();
     let of = |name: &String| {
         let ms = mean(times.iter().map(|time| time.phases.get(name).copied().unwrap_or(0.0)));
         let spreads = times.iter().filter_map(|time| time.phase_spreads.get(name).copied().flatten());
@@ -380,7 +417,7 @@ fn phases(times: &[&Time]) -> Vec<(String, f64, Option<f64>)> {
 }
 
 pub(super) fn phase_names(lines: &[Line]) -> Vec<String> {
-    let names: BTreeSet<&String> =
+    let names: IndexSet<&String> =
         lines.iter().flat_map(|line| line.phases.iter().map(|(name, ..)| name)).collect();
     names.into_iter().cloned().collect()
 }
@@ -407,6 +444,7 @@ fn mark(lines: &mut [Line]) {
 pub(super) mod testing {
     use super::*;
     use crate::studies::measurement::error::Error;
+    use splatgraph_assets::Camera;
 
     fn camera() -> Camera {
         Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (32, 24))
@@ -414,19 +452,22 @@ pub(super) mod testing {
 
     pub fn origin() -> Origin {
         Origin {
-            version: "1".into(),
+            provenance: Provenance {
+                version: "1".into(),
+                device: "none".into(),
+                is_cpu: false,
+                scene: "a.ply".into(),
+                splats: 3,
+                cameras: vec![camera()],
+            },
             program: "1".into(),
-            scene: "a.ply".into(),
-            splats: 3,
             content: "0".into(),
             tags: Vec::new(),
-            cameras: vec![camera()],
             pipeline: "splat".into(),
             set: Vec::new(),
             exact: "0".into(),
             truth: "reference".into(),
             truth_content: String::new(),
-            device: "none".into(),
             opened: String::new(),
             rounds: 1,
             frames: None,
@@ -434,7 +475,7 @@ pub(super) mod testing {
     }
 
     pub fn ledger(rows: Vec<Row>) -> Ledger {
-        Ledger { command: String::new(), origin: origin(), rows }
+        Ledger { command: String::new(), origin: origin(), same_plan: SamePlan::new(), rows }
     }
 
     pub fn measured(ms: f64, psnr_db: Option<f64>) -> Measured {
@@ -490,6 +531,7 @@ pub(super) mod testing {
             busy: Some(0.9),
             gpu_bytes: 1 << 20,
             phases: vec![("draw".into(), gpu_ms, Some(0.1))],
+            same_plan: Vec::new(),
             mark,
         }
     }

@@ -1,6 +1,13 @@
 use super::testing::{ledger, measured, origin, row, within};
 use super::*;
 use crate::studies::measurement::error::Error;
+use splatgraph_assets::Camera;
+
+fn with(change: impl Fn(&mut Provenance)) -> Origin {
+    let mut origin = origin();
+    change(&mut origin.provenance);
+    origin
+}
 
 fn marks(rows: Vec<Row>) -> Vec<(String, Mark)> {
     ledger(rows).lines().0.into_iter().map(|line| (line.setting, line.mark)).collect()
@@ -85,7 +92,8 @@ fn a_ledger_goes_on_where_it_stopped_and_rows_of_other_inputs_are_not_lost() {
     // Another program may have written the numbers in another way: 32 for 32.0.
     let text = fs::read_to_string(&path).unwrap();
     fs::write(&path, text.replace(".0,", ",").replace(".0\n", "\n")).unwrap();
-    let same = Origin { scene: "./a.ply".into(), truth: "elsewhere".into(), ..origin() };
+    let mut same = Origin { truth: "elsewhere".into(), ..origin() };
+    same.provenance.scene = "./a.ply".into();
     let (again, lost) = open(same).unwrap();
     assert_eq!((&again.ledger.rows, lost), (&measured, None));
     assert!(again.has("exact", "a") && !again.has("exact", "b"));
@@ -99,14 +107,14 @@ fn a_ledger_goes_on_where_it_stopped_and_rows_of_other_inputs_are_not_lost() {
         assert!(error.contains("ledger.json: expected") && error.ends_with(&why), "{error}");
     };
     for (other, what) in [
-        (Origin { splats: 4, ..origin() }, "scene"),
+        (with(|other| other.splats = 4), "scene"),
         (Origin { content: text.clone(), ..origin() }, "scene"),
         (Origin { tags: vec![("low_pass".into(), "mip".into())], ..origin() }, "set of tags"),
         (Origin { truth_content: text.clone(), ..origin() }, "truth"),
         (Origin { exact: text.clone(), ..origin() }, "graph"),
         (Origin { opened: text.clone(), ..origin() }, "set of device options"),
-        (Origin { cameras: Vec::new(), ..origin() }, "set of cameras"),
-        (Origin { rounds: 2, splats: 4, ..origin() }, "scene and another number of rounds"),
+        (with(|other| other.cameras.clear()), "set of cameras"),
+        (Origin { rounds: 2, ..with(|other| other.splats = 4) }, "scene and another number of rounds"),
         (Origin { frames: Some(2), ..origin() }, "number of frames"),
     ] {
         refused(other, what);
@@ -122,10 +130,45 @@ fn a_ledger_goes_on_where_it_stopped_and_rows_of_other_inputs_are_not_lost() {
 }
 
 #[test]
+fn settings_with_equal_plans_and_views_without_rows_are_listed() {
+    let mut found = ledger(vec![
+        row("exact", "a", Ok(measured(4.0, None))),
+        row("fast", "a", Ok(measured(1.0, Some(40.0)))),
+    ]);
+    let camera = &found.origin.provenance.cameras[0];
+    found.origin.provenance.cameras =
+        ["a", "b"].map(|name| Camera { img_name: name.into(), ..camera.clone() }).into();
+    for others in [["one", "exact"], ["two", "one"]] {
+        let others = others.map(str::to_owned).into();
+        found.add_same_plan(SamePlan::from([("fast".into(), others)]));
+    }
+    let lines = found.lines().0;
+    // The exact settings were measured themselves.
+    assert_eq!(
+        (&lines[0].same_plan[..], &lines[1].same_plan[..]),
+        (&[][..], &["one".into(), "two".into()][..])
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("ledger.json");
+    found.save(&path).unwrap();
+    let json: Json = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    assert_eq!((&json["missing"], &json["same_plan"]["fast"][2]), (&serde_json::json!(["b"]), &"two".into()));
+    let (book, _) = Book::open(Some(path), found.origin.clone(), &[]).unwrap();
+    assert_eq!(book.ledger, found);
+    assert!(
+        found
+            .origin
+            .provenance
+            .text(&found.missing())
+            .contains("3 splats, 1 of 2 views (missing: `b`), on none")
+    );
+}
+
+#[test]
 fn a_ledger_of_another_program_or_device_is_kept_under_another_name() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("ledger.json");
-    let other = Origin { program: "2".into(), device: "another".into(), ..origin() };
+    let other = Origin { program: "2".into(), ..with(|other| other.device = "another".into()) };
     for (text, what) in [
         (
             serde_json::to_string(&ledger(vec![row("exact", "a", Err("no".into()))])).unwrap(),
