@@ -15,6 +15,11 @@ layout(set = 0, binding = 5, std430) readonly buffer PictureB1 { uint picture_b1
 layout(set = 0, binding = 6, std430) readonly buffer PictureB2 { uint picture_b2[]; };
 layout(set = 0, binding = 7, std430) readonly buffer PictureB3 { uint picture_b3[]; };
 
+// Equal to the members of the block; see compose.vert.
+layout(location = 0) flat in uvec4 picture_a;
+layout(location = 1) flat in uvec4 picture_b;
+layout(location = 2) flat in uint mode;
+
 layout(location = 0) out vec4 shown;
 
 // Reads a word of a part: 0 to 3 of picture A, 4 to 7 of B.
@@ -47,7 +52,7 @@ vec3 texel(bool b, uvec4 picture, ivec2 at) {
 
 // Samples a picture at a position in the view, in pixels from its top left corner.
 vec3 picture(bool b, vec2 at) {
-    uvec4 picture = b ? window.picture_b : window.picture_a;
+    uvec4 picture = b ? picture_b : picture_a;
     vec2 size = vec2(picture.xy);
     bool same = picture.xy == window.view.zw;
     // A picture of another size was drawn before the view was resized. The next one will have the same vertical field of
@@ -76,11 +81,11 @@ void main() {
     vec3 colour = vec3(0.0);
     if (all(greaterThanEqual(at, vec2(0.0))) && all(lessThan(at, vec2(window.view.zw)))) {
         // Split, A is to the left of the line and B to the right.
-        bool is_split = window.mode == MODE_SPLIT;
+        bool is_split = mode == MODE_SPLIT;
         float from_line = floor(at.x) - round(window.split * float(window.view.z));
         bool b = is_split && from_line > 0.0;
         colour = picture(b, at);
-        for (uint i = 0u; i < (window.mode == MODE_DIFFERENCE ? 1u : 0u); i++) {
+        for (uint i = 0u; i < (mode == MODE_DIFFERENCE ? 1u : 0u); i++) {
             colour = window.amplification * abs(colour - picture(true, at));
         }
         // The line is two pixels wide, black and white, to be visible on any picture.

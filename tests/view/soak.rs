@@ -66,6 +66,9 @@ const PADDING_BYTES: u64 = 4 << 10;
 /// 2048 x 2048 texels.
 const MAX_TEXELS: u64 = 2 * (32 << 20);
 
+/// Tolerated growth of the resident memory per frame, in bytes: allocators keep freed memory.
+const FRAME_NOISE: u64 = 64 << 10;
+
 static PANICS: AtomicUsize = AtomicUsize::new(0);
 
 #[test]
@@ -81,6 +84,28 @@ fn whatever_happens_for_thousands_of_frames_no_frame_is_lost_and_no_memory() {
             soak(if common::long() { LONG } else { SHORT });
         },
     );
+}
+
+/// Draws the window with its default tools. Compositions of A alone and of A and B have different draws, whose memory
+/// must not grow either: a driver may keep something of each.
+#[test]
+fn frames_of_a_window_of_usual_size_leave_no_memory_behind() {
+    common::alone("view::soak::frames_of_a_window_of_usual_size_leave_no_memory_behind", || {
+        let mut viewer = TestShell::open(Validation::Off, ("demo", SPLATS), GRAPHS[0], &[], (900, 560));
+        viewer.pixels_per_point = 1.0;
+        viewer.shell.viewer.scale = SCALE;
+        for mode in [Mode::A, Mode::Split] {
+            viewer.shell.viewer.set_compare(mode).unwrap_or_else(|error| panic!("{error}"));
+            viewer.settle();
+            viewer.frames(60);
+            let before = resident();
+            viewer.frames(120);
+            let grown = resident().saturating_sub(before) / 120;
+            println!("{mode:?}: {grown} bytes per frame");
+            assert!(grown <= FRAME_NOISE, "{mode:?}: the resident memory grew by {grown} bytes per frame");
+        }
+        viewer.close();
+    });
 }
 
 fn soak(length: Length) {
