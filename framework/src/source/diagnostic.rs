@@ -110,16 +110,16 @@ const MAX_NAME: usize = 256;
 
 /// Returns the candidate most similar to `name`, for a "did you mean" suggestion.
 ///
-/// A candidate that differs only in case wins. Otherwise the nearest by Damerau-Levenshtein distance wins, and the
-/// first of equally near ones. `None` if every character would change, if the distance is more than 1 and more than a
-/// third of the name's length, or if the name has more than 256 characters.
+/// A candidate that differs only in case wins. Otherwise the nearest by Damerau-Levenshtein distance wins; of equally
+/// near ones, the first that begins with `name`, or else the first. `None` if every character would change, if the
+/// distance is more than 1 and more than a third of the name's length, or if the name has more than 256 characters.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let length = name.chars().count();
     if length > MAX_NAME {
         return None;
     }
     let limit = (length / 3).max(1);
-    let mut best: Option<(usize, &str)> = None;
+    let mut best: Option<((usize, bool), &str)> = None;
     for candidate in candidates {
         if candidate != name && candidate.to_lowercase() == name.to_lowercase() {
             return Some(candidate);
@@ -131,8 +131,9 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
         }
         let distance = strsim::damerau_levenshtein(name, candidate);
         let something_stays = distance < length.max(candidate_length);
-        if distance <= limit && something_stays && best.is_none_or(|(least, _)| distance < least) {
-            best = Some((distance, candidate));
+        let rank = (distance, !candidate.starts_with(name));
+        if distance <= limit && something_stays && best.is_none_or(|(least, _)| rank < least) {
+            best = Some((rank, candidate));
         }
     }
     best.map(|(_, candidate)| candidate)

@@ -217,7 +217,7 @@ impl Entry<'_> {
         let label = match self.token.filter(|_| unknown.contains(&self.message.as_str())) {
             Some(name) => {
                 let defines = request.defines.iter().map(|(define, _)| define.as_str());
-                let known = sources.identifiers().into_iter().chain(defines);
+                let known = sources.names().into_iter().chain(defines);
                 let known: Vec<&str> = known.filter(|known| *known != name).collect();
                 let same = known.iter().copied().find(|known| known.eq_ignore_ascii_case(name));
                 same.or(nearest(name, known)).map(|near| format!("did you mean `{near}`?"))

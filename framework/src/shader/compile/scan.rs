@@ -230,6 +230,16 @@ fn scan(text: &str) -> Scan {
     scan
 }
 
+/// Lists the identifiers of a text that do not follow a dot.
+pub(super) fn names(text: &str) -> impl Iterator<Item = &str> {
+    let (mut tokens, mut before) = (lex(text), "");
+    tokens.retain(|token| {
+        let follows_dot = std::mem::replace(&mut before, token.of(text)) == ".";
+        token.kind == TokenKind::Identifier && !follows_dot
+    });
+    tokens.into_iter().map(|token| token.of(text))
+}
+
 /// Returns the name that a declaration after `buffer` or `uniform` declares: the last word before a brace, a bracket
 /// or a semicolon. `None` if it only sets a default layout.
 fn binding_name<'t>(text: &'t str, tokens: &[Token]) -> Option<&'t str> {

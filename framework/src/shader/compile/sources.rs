@@ -124,6 +124,11 @@ impl Sources {
         self.scans().flat_map(|scan| &scan.identifiers).map(String::as_str).collect()
     }
 
+    /// Lists the identifiers that do not only follow dots, as fields and swizzles do.
+    pub fn names(&self) -> BTreeSet<&str> {
+        self.units.iter().flat_map(|unit| scan::names(&unit.text)).collect()
+    }
+
     /// Lists the macros that the units define.
     pub fn macros(&self) -> BTreeSet<&str> {
         self.scans().flat_map(|scan| &scan.macros).map(String::as_str).collect()

@@ -114,6 +114,12 @@ fn errors_are_at_the_token_that_they_are_about() {
             "5:49: += | `+=`: l-value required (can't modify a const) | ",
         ),
         ("// \u{e9}\u{fc}\nvoid main() { /* \u{e9} */ x = 3; }", "6:23: x | `x`: undeclared identifier | "),
+        // A swizzle is not proposed; `at0` is, before the shorter `a`.
+        ("void main() { uvec4 c = uvec4(1); o[0] = c.a + at; }", "5:48: at | `at`: undeclared identifier | "),
+        (
+            "void main() { uint a = 1, at0 = 2; o[0] = a + at0 + at; }",
+            "5:53: at | `at`: undeclared identifier | did you mean `at0`?",
+        ),
         (
             "#define A B\nvoid main() { uint A = 3, q = 2 A; }",
             "6:33: A | syntax error: unexpected `A` | expected `,` or `;`",
