@@ -26,17 +26,27 @@ pub fn source_map() -> SourceMap {
 ///
 /// Excludes graphs without an output, and graphs in subfolders: parts, filters, and the program's own.
 pub fn names() -> Vec<&'static str> {
-    let draws = |text: &str| match Document::parse(text) {
-        Ok(Document::Graph(graph)) => graph.output.is_some(),
-        Ok(Document::Preset(_) | Document::Choice(_)) => true,
-        // A graph with errors is listed: using it reports them.
-        Err(_) => true,
-    };
     let graph = |(path, text): &(&'static str, &str)| {
         let name = path.strip_prefix("pipelines/")?.strip_suffix(".ron")?;
         (!name.contains('/') && draws(text)).then_some(name)
     };
     FILES.iter().filter_map(graph).collect()
+}
+
+fn draws(text: &str) -> bool {
+    match Document::parse(text) {
+        Ok(Document::Graph(graph)) => graph.output.is_some(),
+        Ok(Document::Preset(_) | Document::Choice(_)) => true,
+        // A graph with errors is listed: using it reports them.
+        Err(_) => true,
+    }
+}
+
+/// Returns the summary of a graph that draws a picture, from the text of its file; `None` for other texts.
+pub fn drawn(text: &str) -> Option<String> {
+    let code = text.lines().map(str::trim_start).find(|line| !line.is_empty() && !line.starts_with("//"))?;
+    let is_graph = ["Graph", "Preset", "Choice"].iter().any(|kind| code.starts_with(kind));
+    (is_graph && draws(text)).then(|| summary(".ron", text))
 }
 
 /// Lists the names of the built-in graphs that process the picture of another graph, sorted.

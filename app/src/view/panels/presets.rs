@@ -1,11 +1,18 @@
-//! Lists the selectable graphs: the built-in graphs, and files that were used in this window.
+//! Lists the selectable graphs: the built-in graphs, files that were used in this window, and files of the folders where
+//! `-p` and the current graph look for graphs.
 
 use super::controls::Controls;
 use super::widgets;
 use crate::draw::builtin;
 use crate::view::renderer::Renderer;
 use egui::{RichText, Ui};
+use std::fs;
 use std::path::Path;
+
+/// Maximum number of entries of a folder that are looked at.
+const MAX_LISTED: usize = 1000;
+/// Maximum size of a file that may be a graph, in bytes.
+const MAX_BYTES: u64 = 1 << 20;
 
 #[derive(Clone, Debug)]
 struct Entry {
@@ -17,6 +24,10 @@ struct Entry {
 /// The list of graphs, and its search text.
 pub struct Presets {
     entries: Vec<Entry>,
+    /// Files that were found when the list was opened.
+    found: Vec<Entry>,
+    /// Number of egui's pass that drew the list last.
+    drawn: u64,
     search: String,
 }
 
@@ -24,12 +35,17 @@ impl Presets {
     pub fn new() -> Presets {
         let entry =
             |preset: builtin::Preset| Entry { graph: preset.name.to_owned(), summary: preset.summary };
-        Presets { entries: builtin::presets().into_iter().map(entry).collect(), search: String::new() }
+        let entries = builtin::presets().into_iter().map(entry).collect();
+        Presets { entries, found: Vec::new(), drawn: 0, search: String::new() }
     }
 
     /// Draws the list; returns a chosen graph. With a search text, Enter chooses the best match.
     pub fn show(&mut self, ui: &mut Ui, renderer: &Renderer, controls: &mut Controls) -> Option<String> {
         self.remember(renderer);
+        let pass = ui.ctx().cumulative_pass_nr();
+        if std::mem::replace(&mut self.drawn, pass) + 1 < pass {
+            self.found = self.look(Path::new("."), renderer.graph());
+        }
         let mut chosen = None;
         let wanted = widgets::search_or_open(ui, &mut self.search, "graph_search", controls);
         let rank =
@@ -48,10 +64,47 @@ impl Presets {
         let height = (ui.ctx().content_rect().height() - 140.0).max(100.0);
         // By default, egui limits the height of a menu to 400 points.
         egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height).show(ui, |ui| {
-            let found = widgets::list(ui, controls, &wanted, &self.entries, rank, row);
+            let found =
+                widgets::list(ui, controls, &wanted, self.entries.iter().chain(&self.found), rank, row);
             chosen = found.map(|entry| entry.graph.clone());
         });
         chosen
+    }
+
+    /// Lists the graphs in the working directory `root`, in its folder `pipelines`, and beside the current graph, that
+    /// are not known by their names.
+    fn look(&self, root: &Path, current: &str) -> Vec<Entry> {
+        let beside = Path::new(current).parent().filter(|folder| *folder != Path::new(""));
+        let mut found: Vec<Entry> = Vec::new();
+        for folder in [Path::new(""), Path::new("pipelines")].into_iter().chain(beside) {
+            let Ok(files) = fs::read_dir(root.join(folder)) else { continue };
+            let mut names: Vec<_> = files.take(MAX_LISTED).flatten().map(|file| file.file_name()).collect();
+            names.sort();
+            for name in
+                names.iter().filter(|name| Path::new(name).extension().is_some_and(|end| end == "ron"))
+            {
+                let path = folder.join(name);
+                let graph = path.to_string_lossy().into_owned();
+                // `mine` names `mine.ron`, and `pipelines/mine.ron` if there is no `mine.ron`.
+                let is_near = folder.starts_with("pipelines") && !root.join(name).exists();
+                let means = |other: &str| {
+                    let other = other.strip_suffix(".ron").unwrap_or(other);
+                    graph.strip_suffix(".ron") == Some(other) || is_near && file_name(&graph) == other
+                };
+                if self.entries.iter().chain(&found).any(|entry| means(&entry.graph)) {
+                    continue;
+                }
+                let path = root.join(path);
+                // Not a FIFO, which would block.
+                if fs::metadata(&path).is_ok_and(|data| data.is_file() && data.len() <= MAX_BYTES)
+                    && let Ok(text) = fs::read_to_string(&path)
+                    && let Some(summary) = builtin::drawn(&text)
+                {
+                    found.push(Entry { graph, summary });
+                }
+            }
+        }
+        found
     }
 
     /// Adds the current graph, so that it can be selected again, and updates its summary.
@@ -76,4 +129,49 @@ impl Presets {
 /// Returns the last component of a path, without its extension.
 pub fn file_name(graph: &str) -> String {
     Path::new(graph).file_stem().map_or_else(|| graph.to_owned(), |stem| stem.to_string_lossy().into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn graphs_in_the_folders_of_names_and_beside_the_current_graph_are_listed() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| {
+            let path = folder.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        };
+        let preset = "// A comment.\nPreset(graph: \"splat\", summary: \"Mine\", set: {})";
+        for name in
+            ["a.ron", "splat.ron", "pipelines/a.ron", "pipelines/b.ron", "pipelines/splat.ron", "c/d.ron"]
+        {
+            write(name, preset);
+        }
+        write("broken.ron", "Graph(");
+        write("part.ron", "Graph(version: 1, summary: \"A part\", passes: [])");
+        write("scenes.ron", "Scenes([Scene(file: \"a.ply\")])");
+        write("a.txt", preset);
+        let mut presets = Presets::new();
+        let listed = |presets: &Presets| -> Vec<String> {
+            let found = presets.look(folder.path(), "c/e.ron").into_iter();
+            found.map(|Entry { graph, summary }| format!("{graph}: {summary}")).collect()
+        };
+        // `splat` and `a` mean files of the folder itself, so those of `pipelines` are other graphs.
+        let all = [
+            "a.ron: Mine",
+            "broken.ron: has errors",
+            "pipelines/a.ron: Mine",
+            "pipelines/b.ron: Mine",
+            "pipelines/splat.ron: Mine",
+            "c/d.ron: Mine",
+        ];
+        assert_eq!(listed(&presets), all);
+        // Graphs that were used by their names.
+        for graph in ["a", "b"] {
+            presets.entries.push(Entry { graph: graph.to_owned(), summary: String::new() });
+        }
+        assert_eq!(listed(&presets), [all[1], all[2], all[4], all[5]]);
+    }
 }
