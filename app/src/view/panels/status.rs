@@ -4,6 +4,7 @@ use super::theme::{Palette, TEXT};
 use super::widgets::hint;
 use super::{Panels, presets};
 use crate::view::events::RendererId;
+use crate::view::paint::Mode;
 use crate::view::viewer::Viewer;
 use crate::view::viewport::Viewport;
 use egui::{Align, Layout, RichText, Spinner, Ui, UiBuilder};
@@ -22,7 +23,8 @@ impl Panels {
                 ui.add(Spinner::new().size(TEXT));
                 ui.label(format!("loading {}", path.display()));
             }
-            let Some(viewport) = viewer.viewport(id) else { continue };
+            let is_shown = id == RendererId::A || viewer.compare != Mode::A;
+            let Some(viewport) = viewer.viewport(id).filter(|_| is_shown) else { continue };
             let progress = viewport.renderer.progress();
             if !progress.is_empty() {
                 ui.add(Spinner::new().size(TEXT));
@@ -34,6 +36,7 @@ impl Panels {
         if watching != WatchKind::Events {
             ui.colored_label(palette.caution, format!("files are watched by {watching}"));
         }
+        let is_of_hidden = |line: &&String| viewer.compare == Mode::A && line.starts_with("B: ");
         // A failure that persists is already shown as a state.
         let persists = |line: &&String| {
             viewer.viewports().any(|shown| {
@@ -43,7 +46,8 @@ impl Panels {
                     .is_some_and(|text| line.ends_with(text.lines().next().unwrap_or_default()))
             })
         };
-        if let Some(line) = self.log.back().filter(|line| !persists(line)) {
+        let newest = self.log.iter().rfind(|line| !is_of_hidden(line));
+        if let Some(line) = newest.filter(|line| !persists(line)) {
             let log = self.log.iter().rev().take(LINES).rev().cloned().collect::<Vec<_>>().join("\n");
             hint(ui.add(egui::Label::new(RichText::new(line).color(palette.soft)).truncate()), log);
         }
