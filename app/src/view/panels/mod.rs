@@ -213,6 +213,9 @@ impl Panels {
             }
             Event::Swapped { renderer, swap } if *renderer != RendererId::Window => {
                 self.changed = Some((*renderer, swap.parameters()));
+                if swap.causes.has_file() {
+                    self.params.regroup();
+                }
                 if *renderer == RendererId::A {
                     self.frame_ms.clear();
                 }

@@ -11,11 +11,12 @@ use crate::view::renderer::Renderer;
 use egui::{
     Align, ComboBox, DragValue, Id, Layout, Response, RichText, Slider, SliderClamping, Ui, UiBuilder,
 };
-use indexmap::IndexSet;
+use indexmap::IndexMap;
 use splatgraph_framework::ir::{Domain, Param, ParamBinding, Value};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use std::cell::Cell;
+use std::collections::HashMap;
 
 /// A slider is logarithmic if its range begins above 0 and spans more than this many powers of ten.
 const DECADES: f64 = 2.0;
@@ -41,6 +42,11 @@ impl State {
         self.effect = effect;
     }
 
+    /// Groups the parameters anew: a file of the graph has changed.
+    pub fn regroup(&mut self) {
+        self.groups = Groups::default();
+    }
+
     #[cfg(test)]
     pub fn effect(&self) -> Option<&str> {
         self.effect.as_ref().map(|(_, effect)| effect.as_str())
@@ -58,13 +64,13 @@ impl State {
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             let plan = renderer.plan().map(|plan| plan.as_ref());
             self.groups.update(plan, renderer.controls());
-            for (title, members) in self.groups.list(renderer.controls()) {
-                let members: Vec<&Control> = members.into_iter().filter(fits).collect();
+            for (title, mut members) in self.groups.list(renderer.controls()) {
+                members.retain(fits);
                 if members.is_empty() {
                     continue;
                 }
                 shown += members.len();
-                widgets::heading(ui, title);
+                controls.see(&format!("group:{title}"), widgets::heading(ui, title).rect);
                 for control in members {
                     let modified = renderer.set().contains_key(&control.param.name);
                     changes.extend(row(ui, plan, control, modified, controls));
@@ -144,43 +150,41 @@ fn group(plan: &Plan, control: &Control, has_parts: bool) -> String {
     }
 }
 
-/// Groups of parameters. A parameter keeps the group of its first plan, so that rows do not move when its effects
-/// change.
+/// Groups of parameters. A parameter keeps the group of its first plan until a file changes, so that rows do not move
+/// when its effects change.
 #[derive(Default)]
 struct Groups {
     graph: String,
-    /// Pairs of parameter name and group title, in the order of the list.
-    members: Vec<(String, String)>,
+    /// Title of each parameter's group, by the parameter's name.
+    titles: HashMap<String, String>,
 }
 
 impl Groups {
     fn update(&mut self, plan: Option<&Plan>, all: &[Control]) {
         let Some(plan) = plan else { return };
         if self.graph != plan.name {
-            *self = Groups { graph: plan.name.clone(), members: Vec::new() };
+            *self = Groups { graph: plan.name.clone(), titles: HashMap::new() };
         }
-        self.members.retain(|(name, _)| all.iter().any(|control| control.param.name == *name));
         let has_parts = all.iter().any(|control| control.part.is_some());
         for control in all {
             let name = &control.param.name;
-            if !self.members.iter().any(|(known, _)| known == name) {
-                self.members.push((name.clone(), group(plan, control, has_parts)));
+            if !self.titles.contains_key(name) {
+                self.titles.insert(name.clone(), group(plan, control, has_parts));
             }
         }
     }
 
     /// Lists the groups in the order of their first parameters, with "Other" last.
     fn list<'a>(&self, all: &'a [Control]) -> Vec<(&str, Vec<&'a Control>)> {
-        let titles: IndexSet<&str> = self.members.iter().map(|(_, title)| title.as_str()).collect();
-        let mut titles = Vec::from_iter(titles);
-        titles.sort_by_key(|title| *title == "Other");
-        let of = |title: &str| {
-            let is_in = |control: &&Control| {
-                self.members.iter().any(|(name, group)| group == title && *name == control.param.name)
-            };
-            all.iter().filter(is_in).collect()
-        };
-        titles.into_iter().map(|title| (title, of(title))).collect()
+        let mut groups: IndexMap<&str, Vec<&Control>> = IndexMap::new();
+        for control in all {
+            if let Some(title) = self.titles.get(&control.param.name) {
+                groups.entry(title).or_default().push(control);
+            }
+        }
+        let mut groups = Vec::from_iter(groups);
+        groups.sort_by_key(|(title, _)| *title == "Other");
+        groups
     }
 }
 

@@ -222,9 +222,9 @@ pub fn time_plot<'a>(name: &str, height: f32) -> Plot<'a> {
         .y_axis_formatter(|mark, _| time(mark.value))
 }
 
-pub fn heading(ui: &mut Ui, text: impl Into<String>) {
+pub fn heading(ui: &mut Ui, text: impl Into<String>) -> Response {
     ui.add_space(theme::GRID);
-    ui.label(RichText::new(text).family(theme::strong()));
+    ui.label(RichText::new(text).family(theme::strong()))
 }
 
 pub fn link(ui: &mut Ui, text: impl Into<String>) -> Response {

@@ -409,6 +409,50 @@ fn the_card_of_errors_has_room_for_longer_errors_than_its_first() {
 }
 
 #[test]
+fn headings_follow_the_saved_graph_and_stay_in_the_order_of_its_parameters() {
+    let mut script = window(&[Tool::Parameters]);
+    let graph = script.path("graph.ron");
+    let text = std::fs::read_to_string(&graph).unwrap();
+    let top = |script: &mut Script, name: &str| script.panels().controls.find(name).map(|rect| rect.top());
+    assert!(top(&mut script, "group:shade") > top(&mut script, "param:digits#"));
+    let text = text.replace("name: \"shade\",", "name: \"shade\", phase: \"brush\",");
+    std::fs::write(&graph, &text).unwrap();
+    script.until("the phase", |script| script.panels().controls.find("group:brush").is_some());
+    assert_eq!(top(&mut script, "group:shade"), None);
+    let wide = "params: {\n    \"wide\": Const(Int(default: 64, range: (1, 64))),";
+    let text = text.replace("params: {", wide).replace("Threads(64)", "Threads(\"wide\")");
+    std::fs::write(&graph, text).unwrap();
+    script.until("the new row", |script| script.panels().controls.find("param:wide#").is_some());
+    assert!(
+        top(&mut script, "group:brush") < top(&mut script, "param:digits#"),
+        "the first parameter's group"
+    );
+}
+
+#[test]
+fn the_list_of_graphs_has_files_that_are_saved_beside_the_graph() {
+    let mut script = window(&[]);
+    let mine = script.path("mine.ron");
+    std::fs::copy(script.path("graph.ron"), &mine).unwrap();
+    click(&mut script, "graph");
+    click(&mut script, &format!("preset:{}", mine.display()));
+    assert_eq!(script.viewer().a.renderer.graph(), mine.to_string_lossy());
+    script.close(&[]);
+}
+
+#[test]
+fn the_status_line_is_silent_about_a_hidden_b() {
+    let mut script = window(&[]);
+    script.viewer().choose_compare(Mode::Split);
+    script.settle();
+    std::fs::write(script.path("graph.ron"), "Graph(").unwrap();
+    script.until("the error", |script| script.panels().controls.find("problem:B").is_some());
+    script.viewer().choose_compare(Mode::A);
+    script.until("A alone", |script| script.panels().controls.find("problem:B").is_none());
+    assert!(script.panels().controls.find("problem:A").is_some());
+}
+
+#[test]
 fn a_graph_that_fails_is_named_in_the_status_line() {
     let mut script = window(&[Tool::Parameters]);
     assert_eq!(script.panels().controls.find("problem:A"), None);
