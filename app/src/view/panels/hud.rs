@@ -24,6 +24,8 @@ const SHADE: Color32 = Color32::from_black_alpha(200);
 
 struct Toast {
     number: u64,
+    /// Kind of message of which only the newest is shown; empty for all others.
+    topic: &'static str,
     text: String,
     /// True for the message of a failure.
     failed: bool,
@@ -39,17 +41,17 @@ pub struct Toasts {
 
 impl Toasts {
     pub fn done(&mut self, text: String) {
-        self.add(text, false, STAY);
+        self.add("", text, false, STAY);
     }
 
-    fn add(&mut self, text: String, failed: bool, stay: Duration) {
+    /// Adds a toast, which replaces the earlier one with the same text or of the same topic.
+    fn add(&mut self, topic: &'static str, text: String, failed: bool, stay: Duration) {
         self.count += 1;
-        // A repeated message replaces its earlier toast.
-        self.shown.retain(|toast| toast.text != text);
+        self.shown.retain(|toast| toast.text != text && (topic.is_empty() || toast.topic != topic));
         if self.shown.len() == MAX_TOASTS {
             self.shown.remove(0);
         }
-        self.shown.push(Toast { number: self.count, text, failed, end: Instant::now() + stay });
+        self.shown.push(Toast { number: self.count, topic, text, failed, end: Instant::now() + stay });
     }
 
     /// Shows an event as a toast if the user is waiting for it or needs to know it.
@@ -67,20 +69,23 @@ impl Toasts {
                         1 => "1 pass".to_owned(),
                         n => format!("{n} passes"),
                     };
-                    self.done(format!("{}: {}, {passes}", files.join(", "), widgets::time(swap.latency_ms)));
+                    let text = format!("{}: {}, {passes}", files.join(", "), widgets::time(swap.latency_ms));
+                    self.add("saved files", text, false, STAY);
                 }
             }
-            Event::Scene { .. }
-            | Event::Cameras { .. }
+            Event::Scene { .. } => self.add("the scene", event.to_string(), false, STAY),
+            Event::Cameras { .. }
             | Event::Saved { .. }
             | Event::Exported { .. }
             | Event::Screenshot { .. }
             | Event::DeviceOpened { .. } => {
                 self.done(event.to_string());
             }
-            Event::Dropped { .. } | Event::Restored { .. } => self.add(event.to_string(), false, STAY_LONG),
+            Event::Dropped { .. } | Event::Restored { .. } => {
+                self.add("", event.to_string(), false, STAY_LONG)
+            }
             Event::SceneFailed { .. } | Event::FileFailed { .. } | Event::Problem { .. } => {
-                self.add(event.to_string(), true, STAY_LONG);
+                self.add("", event.to_string(), true, STAY_LONG);
             }
             _ => {}
         }
@@ -301,12 +306,33 @@ pub fn comparison(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::view::events::Swap;
+
+    #[test]
+    fn saves_and_loaded_scenes_have_one_toast_each() {
+        let mut toasts = Toasts::default();
+        toasts.add("", "grey is now 0.8".into(), false, STAY_LONG);
+        for round in 1..=5 {
+            let swap = Swap {
+                graph: "mine.ron".into(),
+                causes: Cause::File("mine.ron".into()).into(),
+                passes: round,
+                plan_ms: 1.0,
+                prepare_ms: 1.0,
+                latency_ms: 2.0,
+            };
+            toasts.tell(&Event::Swapped { renderer: RendererId::A, swap });
+            toasts.tell(&Event::Scene { path: "a.ply".into(), splats: round as u32, load_ms: 1.0 });
+        }
+        let texts: Vec<&str> = toasts.shown.iter().map(|toast| toast.text.as_str()).collect();
+        assert_eq!(texts, ["grey is now 0.8", "mine.ron: 2.00 ms, 5 passes", "a.ply: 5 splats in 1 ms"]);
+    }
 
     #[test]
     fn a_toast_has_a_place_while_a_tool_hides_the_picture() {
         let (ctx, mut controls) = (Context::default(), Controls::default());
         let mut toasts = Toasts::default();
-        toasts.add("missing.ply: no such file".into(), true, STAY_LONG);
+        toasts.add("", "missing.ply: no such file".into(), true, STAY_LONG);
         // The first frame measures the toast, and the second one places it.
         for _ in 0..2 {
             let mut output = ctx.run_ui(Default::default(), |ui| {
