@@ -228,6 +228,13 @@ impl Lowering<'_> {
         if let Some(circle) = circle {
             return Err(circle.with_label(place.field("graph").span(), "included here"));
         }
+        let hidden: Vec<&str> = order
+            .iter()
+            .map(|index| &parameters.all[*index])
+            .filter(|declared| matches!(declared.declaration(), ParamDecl::Live(_)))
+            .map(|declared| declared.name.as_str())
+            .filter(|name| !exposed.is_some_and(|exposed| exposed.contains(*name)))
+            .collect();
         for index in order {
             let declared = &parameters.all[index];
             let name = &declared.name;
@@ -238,11 +245,17 @@ impl Lowering<'_> {
                 continue;
             }
             if matches!(declared.declaration(), ParamDecl::Live(_)) {
-                let message = format!("`{name}` is live, and the includer does not expose it");
+                let message = match hidden.len() {
+                    0 | 1 => format!("`{name}` is live, and the includer does not expose it"),
+                    _ => format!("`{}` are live, and the includer does not expose them", hidden.join("`, `")),
+                };
+                let only: Vec<&str> =
+                    exposed.into_iter().flatten().map(String::as_str).chain(hidden).collect();
                 return Err(Diagnostic::new(message, place.field("graph").span(), "included here")
                     .with_label(declared.place.key(), "declared here")
                     .with_help(format!(
-                        "live parameters must be exposed up to the outermost graph: `expose: Only([\"{name}\"])`"
+                        "live parameters must be exposed up to the outermost graph: `expose: All`, or \
+                         `expose: Only({only:?})`"
                     )));
             }
             let given = set.get(name).map(|number| (number, &level.names, place.field("set").field(name)));

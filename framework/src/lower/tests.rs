@@ -177,6 +177,18 @@ fn a_part_has_resources_statistics_and_parameters_that_its_includer_binds() {
     assert_eq!(all.params[3].grows.as_deref(), Some("made"));
     let refused = plan_of_parts(r#"Include(graph: "maker", name: "maker"),"#, &[]).unwrap_err();
     assert!(refused.contains("`share` is live, and the includer does not expose it"), "{refused}");
+    let live = MAKER.replacen(
+        "\"times\": Const",
+        "\"more\": Live(Float(default: 1, range: (0, 1))),\n\"times\": Const",
+        1,
+    );
+    let include = r#"Include(graph: "maker", name: "maker", expose: Only(["times"])),"#;
+    let refused = try_plan_of(&[("graph.ron", &including(include)), ("maker.ron", &live)], &[]).unwrap_err();
+    let all = [
+        "`more`, `share` are live, and the includer does not expose them",
+        r#"Only(["times", "more", "share"])"#,
+    ];
+    assert!(all.iter().all(|text| refused.contains(text)), "{refused}");
 }
 
 #[test]
