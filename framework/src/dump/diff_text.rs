@@ -6,7 +6,8 @@ use std::fmt::{self, Write};
 use super::diff::{Diff, NamedChange, PropertyChange, TotalChange};
 use super::form::DumpBarrier;
 use super::repeats::single_index;
-use super::text::{bytes, cause_line, subject};
+use super::text::{cause_line, subject};
+use crate::ir::bytes;
 
 /// Maximum number of listed values of a property.
 const MAX_VALUES: usize = 4;

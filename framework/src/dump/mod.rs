@@ -19,6 +19,7 @@ mod repeats;
 mod tests;
 mod text;
 
+pub use crate::ir::bytes;
 pub use diff::{
     BarrierChange, Diff, DiffSide, Differences, NamedChange, PropertyChange, ResourceSize, TotalChange, diff,
 };
@@ -28,4 +29,4 @@ pub use encoders::encoders_text;
 pub use form::*;
 pub use from_plan::{dump, json};
 pub use html::html;
-pub use text::{barrier_line, bytes, cause_line, dependency_line, left_out_counts, text};
+pub use text::{barrier_line, cause_line, dependency_line, left_out_counts, text};

@@ -4,18 +4,8 @@ use indexmap::{IndexMap, IndexSet};
 use std::fmt::{self, Write};
 
 use super::form::{BarrierTotals, Declared, Dump, DumpBarrier, DumpCause, DumpPass, DumpResource, Lifetime};
-use crate::ir::{Hazard, Run};
+use crate::ir::{Hazard, Run, bytes};
 use crate::plan::{Cause, Dependency, Since};
-
-/// Formats a number of bytes with a binary unit, such as `1.5 MiB`.
-pub fn bytes(n: u64) -> String {
-    match n {
-        0..1024 => format!("{n} B"),
-        1024..1_048_576 => format!("{:.1} KiB", n as f64 / 1024.0),
-        1_048_576..1_073_741_824 => format!("{:.1} MiB", n as f64 / 1_048_576.0),
-        _ => format!("{:.2} GiB", n as f64 / 1_073_741_824.0),
-    }
-}
 
 /// Formats a dump, except its encoders: sections such as the resources, the passes in execution order with their
 /// barriers, and the culled passes.

@@ -7,7 +7,7 @@ bitflags! {
     /// Optional features that a shader uses, or that a device was opened with.
     ///
     /// Excludes features that every Vulkan 1.3 device has (except `SUBGROUP_BASIC`), and features that no backend
-    /// enables; a shader that needs one of the latter fails to compile. [`Features::LIST`] has the Vulkan names.
+    /// enables; a shader that needs one of the latter fails to compile.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Features: u64 {
         /// `int16_t` and `uint16_t` in shaders.
@@ -50,7 +50,7 @@ bitflags! {
         const IMAGE_READ_WITHOUT_FORMAT = 1 << 18;
         /// Writes to storage images without a format in the shader.
         const IMAGE_WRITE_WITHOUT_FORMAT = 1 << 19;
-        /// Storage images in the formats of `shaderStorageImageExtendedFormats`.
+        /// Storage images in the formats of Vulkan's `shaderStorageImageExtendedFormats`.
         const IMAGE_EXTENDED_FORMATS = 1 << 20;
         /// Dynamically uniform indices into arrays of storage blocks.
         const STORAGE_BUFFER_INDEXING = 1 << 21;
@@ -112,62 +112,62 @@ impl Features {
         .union(Features::SUBGROUP_CLUSTERED)
         .union(Features::SUBGROUP_QUAD);
 
-    /// Lists each feature with a description and its name in Vulkan.
+    /// Lists each feature with a description.
     #[rustfmt::skip]
-    pub const LIST: [(Features, &str, &str); 44] = [
-        (Features::INT16, "16-bit integers", "shaderInt16"),
-        (Features::INT64, "64-bit integers", "shaderInt64"),
-        (Features::INT8, "8-bit integers", "shaderInt8"),
-        (Features::FLOAT16, "16-bit floats", "shaderFloat16"),
-        (Features::FLOAT64, "64-bit floats", "shaderFloat64"),
-        (Features::STORAGE_16, "16-bit members of storage blocks", "storageBuffer16BitAccess"),
-        (Features::UNIFORM_16, "16-bit members of uniform blocks", "uniformAndStorageBuffer16BitAccess"),
-        (Features::STORAGE_8, "8-bit members of storage blocks", "storageBuffer8BitAccess"),
-        (Features::UNIFORM_8, "8-bit members of uniform blocks", "uniformAndStorageBuffer8BitAccess"),
-        (Features::SCALAR_LAYOUT, "blocks of scalar layout", "scalarBlockLayout"),
-        (Features::BUFFER_INT64_ATOMICS, "64-bit atomics in buffers", "shaderBufferInt64Atomics"),
-        (Features::SHARED_INT64_ATOMICS, "64-bit atomics in shared memory", "shaderSharedInt64Atomics"),
-        (Features::BUFFER_FLOAT_ATOMICS, "atomic floats in buffers", "shaderBufferFloat32Atomics"),
-        (Features::BUFFER_FLOAT_ATOMIC_ADD, "atomic float additions in buffers", "shaderBufferFloat32AtomicAdd"),
-        (Features::SHARED_FLOAT_ATOMICS, "atomic floats in shared memory", "shaderSharedFloat32Atomics"),
-        (Features::SHARED_FLOAT_ATOMIC_ADD, "atomic float additions in shared memory", "shaderSharedFloat32AtomicAdd"),
-        (Features::IMAGE_FLOAT_ATOMICS, "atomic floats in images", "shaderImageFloat32Atomics"),
-        (Features::IMAGE_FLOAT_ATOMIC_ADD, "atomic float additions in images", "shaderImageFloat32AtomicAdd"),
-        (Features::IMAGE_READ_WITHOUT_FORMAT, "reads of images without a format", "shaderStorageImageReadWithoutFormat"),
-        (Features::IMAGE_WRITE_WITHOUT_FORMAT, "writes to images without a format", "shaderStorageImageWriteWithoutFormat"),
-        (Features::IMAGE_EXTENDED_FORMATS, "storage images of extended formats", "shaderStorageImageExtendedFormats"),
-        (Features::STORAGE_BUFFER_INDEXING, "variable indices into arrays of storage blocks", "shaderStorageBufferArrayDynamicIndexing"),
-        (Features::UNIFORM_BUFFER_INDEXING, "variable indices into arrays of uniform blocks", "shaderUniformBufferArrayDynamicIndexing"),
-        (Features::STORAGE_IMAGE_INDEXING, "variable indices into arrays of storage images", "shaderStorageImageArrayDynamicIndexing"),
-        (Features::STORAGE_BUFFER_NONUNIFORM, "non-uniform indices into arrays of storage blocks", "shaderStorageBufferArrayNonUniformIndexing"),
-        (Features::UNIFORM_BUFFER_NONUNIFORM, "non-uniform indices into arrays of uniform blocks", "shaderUniformBufferArrayNonUniformIndexing"),
-        (Features::STORAGE_IMAGE_NONUNIFORM, "non-uniform indices into arrays of storage images", "shaderStorageImageArrayNonUniformIndexing"),
-        (Features::VERTEX_STORES, "vertex shaders that write", "vertexPipelineStoresAndAtomics"),
-        (Features::FRAGMENT_STORES, "fragment shaders that write", "fragmentStoresAndAtomics"),
-        (Features::DRAW_PARAMETERS, "parameters of draws", "shaderDrawParameters"),
-        (Features::CLIP_DISTANCE, "clip distances", "shaderClipDistance"),
-        (Features::CULL_DISTANCE, "cull distances", "shaderCullDistance"),
-        (Features::SAMPLE_SHADING, "shading per sample", "sampleRateShading"),
-        (Features::SUBGROUP_BASIC, "subgroups", "VK_SUBGROUP_FEATURE_BASIC_BIT"),
-        (Features::SUBGROUP_VOTE, "votes of subgroups", "VK_SUBGROUP_FEATURE_VOTE_BIT"),
-        (Features::SUBGROUP_ARITHMETIC, "arithmetic of subgroups", "VK_SUBGROUP_FEATURE_ARITHMETIC_BIT"),
-        (Features::SUBGROUP_BALLOT, "ballots of subgroups", "VK_SUBGROUP_FEATURE_BALLOT_BIT"),
-        (Features::SUBGROUP_SHUFFLE, "shuffles of subgroups", "VK_SUBGROUP_FEATURE_SHUFFLE_BIT"),
-        (Features::SUBGROUP_SHUFFLE_RELATIVE, "relative shuffles of subgroups", "VK_SUBGROUP_FEATURE_SHUFFLE_RELATIVE_BIT"),
-        (Features::SUBGROUP_CLUSTERED, "clustered operations of subgroups", "VK_SUBGROUP_FEATURE_CLUSTERED_BIT"),
-        (Features::SUBGROUP_QUAD, "quad operations of subgroups", "VK_SUBGROUP_FEATURE_QUAD_BIT"),
-        (Features::SUBGROUPS_IN_VERTEX, "subgroup operations in vertex shaders", "supportedStages"),
-        (Features::SUBGROUPS_IN_FRAGMENT, "subgroup operations in fragment shaders", "supportedStages"),
-        (Features::SUBGROUP_UNIFORM_CONTROL_FLOW, "uniform control flow of subgroups", "shaderSubgroupUniformControlFlow"),
+    pub const LIST: [(Features, &str); 44] = [
+        (Features::INT16, "16-bit integers"),
+        (Features::INT64, "64-bit integers"),
+        (Features::INT8, "8-bit integers"),
+        (Features::FLOAT16, "16-bit floats"),
+        (Features::FLOAT64, "64-bit floats"),
+        (Features::STORAGE_16, "16-bit members of storage blocks"),
+        (Features::UNIFORM_16, "16-bit members of uniform blocks"),
+        (Features::STORAGE_8, "8-bit members of storage blocks"),
+        (Features::UNIFORM_8, "8-bit members of uniform blocks"),
+        (Features::SCALAR_LAYOUT, "blocks of scalar layout"),
+        (Features::BUFFER_INT64_ATOMICS, "64-bit atomics in buffers"),
+        (Features::SHARED_INT64_ATOMICS, "64-bit atomics in shared memory"),
+        (Features::BUFFER_FLOAT_ATOMICS, "atomic floats in buffers"),
+        (Features::BUFFER_FLOAT_ATOMIC_ADD, "atomic float additions in buffers"),
+        (Features::SHARED_FLOAT_ATOMICS, "atomic floats in shared memory"),
+        (Features::SHARED_FLOAT_ATOMIC_ADD, "atomic float additions in shared memory"),
+        (Features::IMAGE_FLOAT_ATOMICS, "atomic floats in images"),
+        (Features::IMAGE_FLOAT_ATOMIC_ADD, "atomic float additions in images"),
+        (Features::IMAGE_READ_WITHOUT_FORMAT, "reads of images without a format"),
+        (Features::IMAGE_WRITE_WITHOUT_FORMAT, "writes to images without a format"),
+        (Features::IMAGE_EXTENDED_FORMATS, "storage images of extended formats"),
+        (Features::STORAGE_BUFFER_INDEXING, "variable indices into arrays of storage blocks"),
+        (Features::UNIFORM_BUFFER_INDEXING, "variable indices into arrays of uniform blocks"),
+        (Features::STORAGE_IMAGE_INDEXING, "variable indices into arrays of storage images"),
+        (Features::STORAGE_BUFFER_NONUNIFORM, "non-uniform indices into arrays of storage blocks"),
+        (Features::UNIFORM_BUFFER_NONUNIFORM, "non-uniform indices into arrays of uniform blocks"),
+        (Features::STORAGE_IMAGE_NONUNIFORM, "non-uniform indices into arrays of storage images"),
+        (Features::VERTEX_STORES, "vertex shaders that write"),
+        (Features::FRAGMENT_STORES, "fragment shaders that write"),
+        (Features::DRAW_PARAMETERS, "parameters of draws"),
+        (Features::CLIP_DISTANCE, "clip distances"),
+        (Features::CULL_DISTANCE, "cull distances"),
+        (Features::SAMPLE_SHADING, "shading per sample"),
+        (Features::SUBGROUP_BASIC, "subgroups"),
+        (Features::SUBGROUP_VOTE, "votes of subgroups"),
+        (Features::SUBGROUP_ARITHMETIC, "arithmetic of subgroups"),
+        (Features::SUBGROUP_BALLOT, "ballots of subgroups"),
+        (Features::SUBGROUP_SHUFFLE, "shuffles of subgroups"),
+        (Features::SUBGROUP_SHUFFLE_RELATIVE, "relative shuffles of subgroups"),
+        (Features::SUBGROUP_CLUSTERED, "clustered operations of subgroups"),
+        (Features::SUBGROUP_QUAD, "quad operations of subgroups"),
+        (Features::SUBGROUPS_IN_VERTEX, "subgroup operations in vertex shaders"),
+        (Features::SUBGROUPS_IN_FRAGMENT, "subgroup operations in fragment shaders"),
+        (Features::SUBGROUP_UNIFORM_CONTROL_FLOW, "uniform control flow of subgroups"),
     ];
 }
 
 impl fmt::Display for Features {
-    /// Writes a list such as `64-bit floats (shaderFloat64), votes of subgroups (VK_SUBGROUP_FEATURE_VOTE_BIT)`.
+    /// Writes a list such as `64-bit floats, votes of subgroups`.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let listed = Features::LIST.iter().filter(|(feature, ..)| self.contains(*feature));
-        for (index, (_, words, name)) in listed.enumerate() {
-            write!(f, "{}{words} ({name})", if index == 0 { "" } else { ", " })?;
+        let listed = Features::LIST.iter().filter(|(feature, _)| self.contains(*feature));
+        for (index, (_, words)) in listed.enumerate() {
+            write!(f, "{}{words}", if index == 0 { "" } else { ", " })?;
         }
         Ok(())
     }
@@ -180,12 +180,13 @@ mod tests {
     #[test]
     fn every_feature_is_in_the_list_once_and_has_words() {
         let mut seen = Features::empty();
-        for (feature, words, name) in Features::LIST {
+        for (feature, words) in Features::LIST {
             assert!(!seen.intersects(feature), "{words} is listed twice");
-            assert!(!words.is_empty() && !name.is_empty());
+            assert!(!words.is_empty());
             seen |= feature;
         }
         assert_eq!(seen, Features::all());
-        assert_eq!(Features::FLOAT64.to_string(), "64-bit floats (shaderFloat64)");
+        let two = Features::FLOAT64 | Features::SUBGROUP_VOTE;
+        assert_eq!(two.to_string(), "64-bit floats, votes of subgroups");
     }
 }

@@ -30,7 +30,7 @@ pub use pass::{
 };
 pub use reason::{Fallback, Reason, Unmet};
 pub use request::{Attribute, Catalog, Facts, HostBuffer, OUTPUTS, Request};
-pub use resource::{Shape, Source, Usage};
+pub use resource::{Shape, Source, Usage, bytes};
 pub use shader::{
     Member, MemberKind, Msl, MslArgument, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Shader,
     ShaderStage, Varying,

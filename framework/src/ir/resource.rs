@@ -75,6 +75,16 @@ impl Source {
     }
 }
 
+/// Formats a number of bytes with a binary unit, such as `1.5 MiB`.
+pub fn bytes(n: u64) -> String {
+    match n {
+        0..1024 => format!("{n} B"),
+        1024..1_048_576 => format!("{:.1} KiB", n as f64 / 1024.0),
+        1_048_576..1_073_741_824 => format!("{:.1} MiB", n as f64 / 1_048_576.0),
+        _ => format!("{:.2} GiB", n as f64 / 1_073_741_824.0),
+    }
+}
+
 bitflags! {
     /// Uses of a resource, over all passes of a plan.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,7 +97,7 @@ bitflags! {
         const INDIRECT = 1 << 2;
         /// Read by copies.
         const COPY_SOURCE = 1 << 3;
-        /// Written by copies, fills or clears.
+        /// Written by copies and fills; of an image, only by clears.
         const COPY_TARGET = 1 << 4;
         /// Used as a colour attachment.
         const COLOR_TARGET = 1 << 5;

@@ -3,7 +3,7 @@
 use super::linker::{Linker, describe, touch};
 use crate::ir::{
     Accesses, Binding, DescriptorKind, LIVE_BLOCK, Layout, MemberKind, PushBlock, ReflectedBinding,
-    ReflectedKind, ResourceId, Run, ShaderId, Shape, Source, Span, Stages, Use, Value, to_f32,
+    ReflectedKind, ResourceId, Run, ShaderId, Shape, Source, Span, Stages, Use, Value, bytes, to_f32,
 };
 use crate::lower::{LoweredBind, LoweredPass};
 use crate::source::{Diagnostic, nearest};
@@ -167,13 +167,13 @@ impl Linker<'_> {
         if kind == DescriptorKind::StorageBuffer
             && let Some(id) = resources.iter().find(too_large)
         {
-            let (resource, mib) = (self.resource(*id), |bytes: u64| bytes.div_ceil(1 << 20));
-            let message = format!(
-                "`{}` has {} MiB, and the device binds at most {}",
-                self.resource(resources[0]).name,
-                mib(resource.shape.bytes()),
-                mib(most)
-            );
+            let resource = self.resource(*id);
+            let sizes = [resource.shape.bytes(), most];
+            let [found, most] = match sizes.map(bytes) {
+                [found, most] if found == most => sizes.map(|size| format!("{size} bytes")),
+                rounded => rounded,
+            };
+            let message = format!("`{}` has {found}, and the device binds at most {most}", resource.name);
             let error = Diagnostic::new(message, self.lowered.declaration(*id).span, describe(resource));
             let help = "bind fewer elements, or use a device with a larger storage range";
             self.errors.push(error.with_help(help));

@@ -197,7 +197,7 @@ fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
         ("shader `scan.comp` has no code", |plan| plan.shaders[0].spirv = Default::default()),
         ("pass 9", |plan| plan.frame[0] = PassId(9)),
         ("runs twice", |plan| plan.frame[0] = PassId(0)),
-        ("needs 64-bit floats (shaderFloat64), which the device does not have", |plan| {
+        ("needs 64-bit floats, which the device does not have", |plan| {
             plan.shaders[0].reflection.features = Features::FLOAT64;
         }),
         ("resource 77", |plan| plan.output = ResourceId(77)),
