@@ -45,6 +45,9 @@ pub struct Dump {
     pub passes: Vec<DumpPass>,
     /// Barriers recorded in one call between the prologue and the first frame.
     pub handover: Vec<DumpBarrier>,
+    /// Layout changes of images, for APIs with layouts: in the prologue, in the handover, and in the frame.
+    #[serde(default)]
+    pub layout_changes: Vec<DumpLayoutChange>,
     /// Passes and includes of the graph that are not in the plan.
     pub left_out: Vec<Culled>,
     /// Constructs of the graph that are allowed but probably unintended.
@@ -84,6 +87,9 @@ pub struct DumpParameter {
     pub grows: Option<String>,
     /// True if the parameter can be changed between frames; otherwise it is baked into the plan.
     pub live: bool,
+    /// Offset in bytes in the uniform block of live parameters; `None` unless the parameter is live.
+    #[serde(default)]
+    pub offset: Option<u32>,
     /// The passes that depend on the parameter, in the order of [`Dump::passes`].
     #[serde(default)]
     pub affects: Vec<String>,
@@ -140,6 +146,18 @@ pub struct BarrierTotals {
     pub image_barriers: usize,
     /// Number of dependencies that the barriers enforce.
     pub dependencies: usize,
+}
+
+/// A change of an image's layout before a pass.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DumpLayoutChange {
+    /// The image and its layouts.
+    #[serde(flatten)]
+    pub transition: Transition<String>,
+    /// The pass that needs the new layout.
+    pub before: Declared,
+    /// True if the change is made once, between the prologue and the first frame.
+    pub handover: bool,
 }
 
 /// A memory block, as large as its largest alias.

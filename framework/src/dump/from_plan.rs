@@ -1,15 +1,15 @@
 //! Converts a plan to its dump: replaces numbers by names, and computes sums and lifetimes.
 
 use super::form::{
-    DUMP_VERSION, Declared, Define, Dump, DumpBlock, DumpParameter, DumpPass, DumpPhase, DumpPush,
-    DumpResource, DumpShader, DumpWarning, Lifetime, Totals,
+    DUMP_VERSION, Declared, Define, Dump, DumpBlock, DumpLayoutChange, DumpParameter, DumpPass, DumpPhase,
+    DumpPush, DumpResource, DumpShader, DumpWarning, Lifetime, Totals,
 };
 use super::repeats;
 use crate::ir::{
     Accesses, DrawCall, Groups, MemberKind, ParamBinding, Pass, PassId, ResourceId, Run, ShaderId, Shape,
     Source, Use, Value, Work,
 };
-use crate::plan::{Cause, Dependency, Plan, Resource, Warning};
+use crate::plan::{Cause, Dependency, LayoutChange, Plan, Resource, Warning};
 use crate::solve;
 use indexmap::{IndexMap, IndexSet};
 use std::collections::HashSet;
@@ -41,6 +41,7 @@ pub fn dump(plan: &Plan) -> Dump {
         repeats,
         passes,
         handover: Vec::new(),
+        layout_changes: plan.layout_changes.iter().map(|change| layout_change_of(plan, change)).collect(),
         left_out: plan.culled.clone(),
         warnings: plan.warnings.iter().map(warning_of).collect(),
         // An empty plan has no output.
@@ -67,8 +68,20 @@ fn warning_of(warning: &Warning) -> DumpWarning {
     }
 }
 
+fn layout_change_of(plan: &Plan, change: &LayoutChange) -> DumpLayoutChange {
+    DumpLayoutChange {
+        transition: change.transition().map(|id| plan.resource(*id).name.clone()),
+        before: Declared::pass(plan, change.before),
+        handover: change.handover,
+    }
+}
+
 fn parameter_of(plan: &Plan, param: &crate::ir::Param) -> DumpParameter {
     let effect = plan.effect(&param.name).cloned().unwrap_or_default();
+    let offset = match param.binding {
+        ParamBinding::Live { offset } => Some(offset),
+        _ => None,
+    };
     DumpParameter {
         name: param.name.clone(),
         value: param.value.clone(),
@@ -76,7 +89,8 @@ fn parameter_of(plan: &Plan, param: &crate::ir::Param) -> DumpParameter {
         reason: param.reason.clone(),
         exact: param.exact.clone(),
         grows: param.grows.clone(),
-        live: matches!(param.binding, ParamBinding::Live { .. }),
+        live: offset.is_some(),
+        offset,
         affects: effect.passes.iter().map(|id| plan.pass(*id).name.clone()).collect(),
         shape: effect.shape,
         no_effect: effect.none,
