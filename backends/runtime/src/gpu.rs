@@ -103,6 +103,11 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     fn wait_idle(&self, limit: Duration) -> bool;
 
     /// Creates a buffer without memory, and returns its memory requirements.
+    ///
+    /// Resources of one block of a plan share an allocation if their [`Requirements::types`] and
+    /// [`Limits::device_memory_types`] have a type in common and none is dedicated. An API whose objects cannot share
+    /// memory sets the limit to 0. The plan still has the dependencies between the resources of a block
+    /// ([`Dependency::alias`]); they then order more than necessary.
     fn create_buffer(
         self: &Arc<Self>,
         desc: &BufferDesc,
@@ -250,6 +255,11 @@ pub enum Presented {
 }
 
 /// Device memory, mapped or not.
+///
+/// The host and the device never access mapped bytes at once. The host reads [`Location::Readback`] only after
+/// [`Encoder::wait`] returned true for the last submission that writes the memory, and the next such submission follows
+/// only once the slice is dropped. It writes [`Location::Upload`] and [`Location::Staging`] only while no submission
+/// that reads the memory runs.
 pub trait Memory<G: Gpu>: Sized + Send + Sync + 'static {
     /// Allocates memory for an object; `name` names it in errors.
     fn allocate(
@@ -546,7 +556,8 @@ pub trait Encoder<G: Gpu>: Sized + Send + 'static {
     /// Fills a whole buffer with a 32-bit word.
     fn fill(&mut self, buffer: &Buffer<G>, value: u32);
 
-    /// Fills an image with zeros. It must be in [`Layout::TransferTarget`].
+    /// Fills an image with zeros. It is in [`Layout::TransferTarget`], which therefore must be a layout in which the API
+    /// clears images. [`full_barrier`](Encoder::full_barrier) also moves the images of continued histories into it.
     fn clear(&mut self, image: &Image<G>);
 
     /// Copies bytes from one buffer to another.

@@ -21,7 +21,7 @@ pub struct Limits {
     pub max_storage_images: u32,
     /// Size of the largest device-local heap, in bytes.
     pub heap_bytes: u64,
-    /// A bit for each memory type that is device-local.
+    /// A bit for each memory type that is device-local; 0 if objects cannot share memory.
     pub device_memory_types: u32,
     /// Size in bytes of the pages that a buffer and an image in one allocation must not share.
     pub buffer_image_granularity: u64,

@@ -132,7 +132,7 @@ pub enum Layout {
     DepthTarget,
     /// Source of a copy.
     TransferSource,
-    /// Destination of a copy or a clear.
+    /// Destination of a clear. No plan copies to an image.
     TransferTarget,
 }
 
