@@ -126,6 +126,14 @@ fn pictures_without_a_splat_are_not_compared() {
     assert!(prices.contains("\"ahead\"") && !prices.contains("\"away\""), "{prices}");
     let film = "video scene.ply --eye 0,0,-90 --target 0,0,-99 --seconds 0.1 --size 32x18 -o away.gif";
     assert!(place.said(film).1.contains(" of 3 cameras see no splat"));
+    let errors = place.said("sweep scene.ply --steps 2 -c both.json").1;
+    assert!(
+        errors.contains("1 of 2 cameras see no splat") && errors.contains("nothing has an error"),
+        "{errors}"
+    );
+    place.done("synth --photograph scene.ply --dataset ds --views 3 --size 32x18");
+    place.done("convert scene.ply gone.ply --transform move:0,9000,0");
+    assert!(place.said("evaluate gone.ply -c ds --all").1.contains("3 of 3 cameras see no splat"));
 }
 
 #[test]
