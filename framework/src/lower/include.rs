@@ -228,29 +228,29 @@ impl Lowering<'_> {
         if let Some(circle) = circle {
             return Err(circle.with_label(place.field("graph").span(), "included here"));
         }
-        let hidden: Vec<&str> = order
-            .iter()
-            .map(|index| &parameters.all[*index])
-            .filter(|declared| matches!(declared.declaration(), ParamDecl::Live(_)))
-            .map(|declared| declared.name.as_str())
-            .filter(|name| !exposed.is_some_and(|exposed| exposed.contains(*name)))
-            .collect();
-        for index in order {
-            let declared = &parameters.all[index];
+        let shared = |name: &String| {
+            exposed.filter(|exposed| exposed.contains(name))?;
+            level.params.iter().find(|param| param.name == *name)
+        };
+        for index in &order {
+            let declared = &parameters.all[*index];
             let name = &declared.name;
-            let shared = exposed.filter(|exposed| exposed.contains(name));
-            if let Some(param) = shared.and_then(|_| level.params.iter().find(|param| param.name == *name)) {
+            if let Some(param) = shared(name) {
                 names.adopt(name, &level.names);
                 params.push(param.clone());
                 continue;
             }
             if matches!(declared.declaration(), ParamDecl::Live(_)) {
-                let message = match hidden.len() {
-                    0 | 1 => format!("`{name}` is live, and the includer does not expose it"),
-                    _ => format!("`{}` are live, and the includer does not expose them", hidden.join("`, `")),
-                };
-                let only: Vec<&str> =
-                    exposed.into_iter().flatten().map(String::as_str).chain(hidden).collect();
+                let live = order.iter().map(|index| &parameters.all[*index]);
+                let live = live.filter(|declared| matches!(declared.declaration(), ParamDecl::Live(_)));
+                let hidden: Vec<&String> =
+                    live.map(|declared| &declared.name).filter(|name| shared(name).is_none()).collect();
+                let only: Vec<&String> =
+                    exposed.into_iter().flatten().chain(hidden.iter().copied()).collect();
+                let message = format!(
+                    "expected all live parameters to be exposed, found {} only in the included graph",
+                    hidden.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+                );
                 return Err(Diagnostic::new(message, place.field("graph").span(), "included here")
                     .with_label(declared.place.key(), "declared here")
                     .with_help(format!(
