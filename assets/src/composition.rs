@@ -61,6 +61,8 @@ pub(crate) struct Placed {
     pub file: PathBuf,
     /// Transform from the scene's coordinates to the world's.
     pub by: Similarity,
+    /// Line and column of the file's name in the list, from 1.
+    pub at: (usize, usize),
 }
 
 /// Returns true for a composition: its text begins with `Scenes`, after blanks and comments.
@@ -90,12 +92,48 @@ pub(crate) fn parse(text: &str, folder: &Path) -> Result<Vec<Placed>, SceneError
     if scenes.0.is_empty() {
         return Err(SceneError::Invalid("expected at least one scene, found none".into()));
     }
-    scenes.0.into_iter().enumerate().map(|(index, part)| placed(index, part, folder)).collect()
+    // Each entry has one key `file`.
+    let places = places_of(text, "file").into_iter().chain(std::iter::repeat((1, 1)));
+    scenes.0.into_iter().zip(places).map(|(part, at)| placed(part, at, folder)).collect()
 }
 
-fn placed(index: usize, part: Part, folder: &Path) -> Result<Placed, SceneError> {
+/// Returns the line and column of each occurrence of a word in a text, from 1, except in comments and strings.
+fn places_of(text: &str, word: &str) -> Vec<(usize, usize)> {
+    let mut places = Vec::new();
+    let mut rest = text;
+    while let Some(first) = rest.chars().next() {
+        let in_word = |c: char| c.is_alphanumeric() || c == '_';
+        let end_of = |end: &str| rest.find(end).map_or(rest.len(), |at| at + end.len());
+        let length = match first {
+            '/' if rest.starts_with("//") => end_of("\n"),
+            '/' if rest.starts_with("/*") => end_of("*/"),
+            '"' => {
+                let mut escaped = false;
+                let end = rest[1..].find(|c| {
+                    let ends = c == '"' && !escaped;
+                    escaped = c == '\\' && !escaped;
+                    ends
+                });
+                end.map_or(rest.len(), |at| at + 2)
+            }
+            _ if in_word(first) => rest.find(|c| !in_word(c)).unwrap_or(rest.len()),
+            _ => first.len_utf8(),
+        };
+        if &rest[..length] == word {
+            let before = &text[..text.len() - rest.len()];
+            let line = before.rsplit('\n').next().unwrap_or(before);
+            places.push((before.matches('\n').count() + 1, line.chars().count() + 1));
+        }
+        rest = &rest[length..];
+    }
+    places
+}
+
+fn placed(part: Part, at: (usize, usize), folder: &Path) -> Result<Placed, SceneError> {
+    let (line, column) = at;
     let wrong = |message: String| {
-        Err(SceneError::Invalid(format!("scene {index}, {}: {message}", part.file.display())))
+        let file = part.file.display();
+        Err(SceneError::Invalid(format!("line {line}, column {column}: {file}: {message}")))
     };
     if !Similarity::SCALES.contains(&part.scale) {
         return wrong(format!("expected a scale of 1e-9 to 1e9, found {}", part.scale));
@@ -109,7 +147,8 @@ fn placed(index: usize, part: Part, folder: &Path) -> Result<Placed, SceneError>
     if !part.translate.iter().all(|v| v.abs() <= Similarity::FARTHEST) {
         return wrong(format!("expected a translation within 1e18, found {:?}", part.translate));
     }
-    Ok(Placed { file: folder.join(part.file), by: Similarity { rotation, scale: part.scale, translation } })
+    let by = Similarity { rotation, scale: part.scale, translation };
+    Ok(Placed { file: folder.join(part.file), by, at })
 }
 
 impl Scene {
@@ -157,7 +196,7 @@ mod tests {
         let marked = format!("{BYTE_ORDER_MARK}{text}");
         assert!(begins_as_scenes(marked.as_bytes()));
         assert_eq!(parse(&marked, Path::new("/world")).expect("scenes"), all);
-        assert_eq!(all[0], Placed { file: "/world/a.ply".into(), by: Similarity::IDENTITY });
+        assert_eq!(all[0], Placed { file: "/world/a.ply".into(), by: Similarity::IDENTITY, at: (3, 21) });
         assert_eq!((all[1].file.as_path(), all[1].by.scale), (Path::new("/b.spz"), 0.5));
         let turned = all[1].by.rotation * DVec3::Z;
         assert!(turned.distance(DVec3::X) < 1e-12 && all[1].by.translation == DVec3::new(1.0, 0.0, -2.5));
@@ -174,7 +213,9 @@ mod tests {
     #[test]
     fn mistakes_are_told_with_their_place() {
         assert!(said("Scenes([\n  Scene(fil: \"a.ply\"),\n])").starts_with("line 2, column "));
-        says(said("Scenes([Scene(file: \"a.ply\", scale: 0)])"), "scene 0, a.ply: expected a scale");
+        let text = "Scenes([\n  // Scene(file: \"b.ply\"),\n  Scene(translate: (0, 0, 0), file: \"a\\\"file\"), \
+                    /* file */ Scene(file: \"ä.ply\", scale: 0)])";
+        says(said(text), "line 3, column 66: ä.ply: expected a scale");
         says(said("Scenes([Scene(file: \"a\", rotate: (axis: (0, 0, 0), degrees: 9))])"), "expected an axis");
         says(said("Scenes([Scene(file: \"a\", translate: (1, 1e30, 0))])"), "within 1e18");
         says(said("Scenes([])"), "expected at least one scene");

@@ -106,8 +106,15 @@ pub enum SceneError {
     Changed,
 
     /// A scene of a composition cannot be loaded.
-    #[error(transparent)]
-    Placed(Box<LoadError>),
+    #[error("line {line}, column {column}: {error}")]
+    Placed {
+        /// Line of the entry, from 1.
+        line: usize,
+        /// Column of the entry, from 1.
+        column: usize,
+        /// Error of the entry's file.
+        error: Box<LoadError>,
+    },
 }
 
 impl SceneError {

@@ -66,7 +66,7 @@ pub use bounds::{Bounds, WorldBounds};
 pub use camera::Camera;
 pub use dataset::{CameraError, CameraOptions, Dataset, MAX_CAMERA_BYTES, TEST_EVERY, View, photograph};
 pub use error::{LoadError, SceneError};
-pub use formats::{Content, LargeSteps, names_scenes};
+pub use formats::{Content, LargeSteps};
 pub use input::{Progress, QUIET, SceneHeader};
 pub use memory::SceneMemoryError;
 pub use mesh::{Light, MESH_ATTRIBUTES, Mesh, MeshMaterial, Texture};
@@ -76,7 +76,7 @@ pub use scene::{
     ALPHA_FLOOR, CoarsePositions, ColorRange, Dropped, FileNotes, Filter, MixedTags, QuaternionNorms, Scene,
     ScenePart, SortKey, Splat, sh_floats,
 };
-pub use scene_files::scene_files;
+pub use scene_files::{names_scenes, scene_files, scene_paths};
 pub use scene_format::SceneFormat;
 pub use similarity::Similarity;
 pub use size_breakdown::{ElementSize, FieldSize, SizeBreakdown, grouped, rounded};

@@ -44,6 +44,23 @@ pub fn scene_files(path: &Path) -> BTreeSet<PathBuf> {
     files
 }
 
+/// Returns true if a file is a composition; false if it cannot be read.
+pub fn names_scenes(path: &Path) -> bool {
+    let head = || OpenFile::open(path).and_then(|file| Source::File(&file).head(HEAD));
+    head().is_ok_and(|head| composition::begins_as_scenes(&head))
+}
+
+/// Lists the paths that decide what a scene contains: [`scene_files`], `path` itself, and the files of a list of scenes
+/// that do not exist.
+pub fn scene_paths(path: &Path) -> BTreeSet<PathBuf> {
+    let mut paths = scene_files(path);
+    if names_scenes(path) {
+        paths.extend(named(path).unwrap_or_default());
+    }
+    paths.insert(path.to_owned());
+    paths
+}
+
 fn add(path: PathBuf, depth: u32, files: &mut BTreeSet<PathBuf>) {
     let path = document(&path).unwrap_or(path);
     if files.contains(&path) || !path.is_file() {
@@ -135,6 +152,10 @@ mod tests {
             write(&format!("point_cloud/{file}"), b"ply\n");
         }
         assert_eq!(found("."), ["point_cloud/iteration_30000/point_cloud.ply"]);
+        let others: Vec<PathBuf> =
+            scene_paths(&at("list.ron")).difference(&scene_files(&at("list.ron"))).cloned().collect();
+        assert_eq!(others, [at("gone.ply"), at("lod")]);
+        assert!(scene_paths(&at("gone.ply")).contains(&at("gone.ply")));
         assert_eq!(found("lod"), ["lod/0/means_l.webp", "lod/0/meta.json", "lod/lod-meta.json"]);
         assert_eq!(
             found("list.ron"),

@@ -161,7 +161,7 @@ impl SceneHeader {
             Found::One(header) => Ok(header),
             Found::Mesh(()) => Err(SceneError::MeshAlone.of(path)),
             Found::Several(parts) => {
-                let all = Self::of_parts(&parts, level).map_err(|error| within(path, error))?;
+                let all = Self::of_parts(&parts, level).map_err(|error| within(path, &parts, error))?;
                 Ok(Self::joined(&all))
             }
         }
@@ -200,7 +200,7 @@ impl SceneHeader {
     /// the file cannot be read: a load reports the error.
     pub fn has_levels(path: impl AsRef<Path>) -> bool {
         match Self::load_level(path, Some(0)).map_err(|error| error.problem) {
-            Err(SceneError::Placed(error)) => !matches!(error.problem, SceneError::NoLevels),
+            Err(SceneError::Placed { error, .. }) => !matches!(error.problem, SceneError::NoLevels),
             Err(SceneError::NoLevels | SceneError::MeshAlone) => false,
             _ => true,
         }
@@ -232,14 +232,11 @@ fn at_level<T>(
     }
 }
 
-fn within(path: &Path, error: LoadError) -> LoadError {
-    SceneError::Placed(Box::new(error)).of(path)
-}
-
-/// Returns true if a file is a composition; false if it cannot be read.
-pub fn names_scenes(path: &Path) -> bool {
-    let head = || OpenFile::open(path).and_then(|file| Source::File(&file).head(HEAD));
-    head().is_ok_and(|head| composition::begins_as_scenes(&head))
+/// Creates the error for the composition at `path` from that of a part.
+fn within(path: &Path, parts: &[Placed], error: LoadError) -> LoadError {
+    let at = parts.iter().find(|part| error.path.starts_with(&part.file)).map(|part| part.at);
+    let (line, column) = at.unwrap_or((1, 1));
+    SceneError::Placed { line, column, error: Box::new(error) }.of(path)
 }
 
 impl SceneFormat {
@@ -301,12 +298,13 @@ impl Scene {
             Found::One(scene) => Ok(Content::Splats(scene.into())),
             Found::Mesh(mesh) => Ok(Content::Mesh(mesh)),
             Found::Several(parts) => {
-                let headers = SceneHeader::of_parts(&parts, level).map_err(|error| within(path, error))?;
+                let headers =
+                    SceneHeader::of_parts(&parts, level).map_err(|error| within(path, &parts, error))?;
                 SceneHeader::check_joined(&headers, 0, memory::available())
                     .map_err(|error| SceneError::Memory(error).of(path))?;
                 let folder = path.parent().unwrap_or(Path::new(""));
                 let (scene, elements) = Self::load_placed(&parts, folder, level, progress)
-                    .map_err(|error| within(path, error))?;
+                    .map_err(|error| within(path, &parts, error))?;
                 let header_bytes = std::fs::metadata(path).map_or(0, |found| found.len());
                 let file_bytes = header_bytes + elements.iter().map(|element| element.bytes).sum::<u64>();
                 let format = format!("list of scenes, {} files", elements.len());

@@ -3,6 +3,7 @@
 use super::*;
 use crate::ply::tests::{Made, PLAIN};
 use crate::scene::{FileNotes, Filter, SortKey, Splat};
+use crate::scene_files::names_scenes;
 use crate::testing::{captures, parse as read, written};
 use std::ops::ControlFlow;
 use std::sync::Mutex;
@@ -317,7 +318,7 @@ fn placed_scenes_are_moved_and_joined_as_convert_does_bit_by_bit() {
     let header = SceneHeader::load(at("both.ron")).unwrap();
     assert_eq!((header.count, header.stored_degree), (600, 3));
     // The scenes are in memory beside the joined one, whose degree is the highest.
-    let part = |name: &str| Placed { file: at(name), by: Similarity::IDENTITY };
+    let part = |name: &str| Placed { file: at(name), by: Similarity::IDENTITY, at: (1, 1) };
     let headers =
         SceneHeader::of_parts(&[part("a.ply"), part("far/a.ply"), part("far/a.ply")], None).unwrap();
     let joined = Scene::host_bytes(900, 3) + 900 * 12;
