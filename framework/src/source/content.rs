@@ -1,10 +1,11 @@
 //! Identifies the contents of a path by a hash, to detect whether a build would read something else.
 
 use std::fs::{self, File, Metadata, OpenOptions};
-use std::hash::{DefaultHasher, Hasher};
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::{ErrorKind, Read};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 /// Maximum size of a file to read, in bytes.
 pub(super) const MAX_FILE: u64 = 16 << 20;
@@ -26,6 +27,13 @@ pub enum Content {
         /// Length in bytes.
         length: u64,
         /// Hash of the bytes.
+        hash: u64,
+    },
+    /// A file that [`Content::stamp`] did not read.
+    Stamp {
+        /// Length in bytes.
+        length: u64,
+        /// Hash of the file's times and inode.
         hash: u64,
     },
 }
@@ -64,10 +72,54 @@ impl Content {
         read.unwrap_or(Content::Unusable)
     }
 
+    /// Returns the contents of `path` by the metadata of its file, without reading it; follows links. Another length,
+    /// time or inode counts as another content. Compare it only with other stamps.
+    pub fn stamp(path: &Path) -> Content {
+        match fs::metadata(path) {
+            Ok(metadata) if metadata.is_file() => {
+                let mut hasher = DefaultHasher::new();
+                Stamp::of(&metadata).hash(&mut hasher);
+                Content::Stamp { length: metadata.len(), hash: hasher.finish() }
+            }
+            Ok(metadata) if metadata.is_dir() => Content::without_file(path),
+            Err(error) if is_missing(error.kind()) => Content::without_file(path),
+            _ => Content::Unusable,
+        }
+    }
+
     /// Returns true if the path has no file, or an empty one. Some editors cause both briefly while they save.
     pub fn is_empty(self) -> bool {
-        matches!(self, Content::Missing | Content::Obstacle { .. } | Content::Bytes { length: 0, .. })
+        use Content::{Bytes, Missing, Obstacle, Stamp};
+        matches!(self, Missing | Obstacle { .. } | Bytes { length: 0, .. } | Stamp { length: 0, .. })
     }
+}
+
+/// Metadata that changes with a file's contents, unless these change twice within the clock's resolution.
+#[derive(Clone, Copy, Debug, PartialEq, Hash)]
+pub(crate) struct Stamp {
+    length: u64,
+    pub modified: Option<SystemTime>,
+    /// Device, inode, and the time of the last change to either content or inode, in nanoseconds; zeros on systems
+    /// without inodes.
+    inode: (u64, u64, i128),
+}
+
+impl Stamp {
+    pub fn of(metadata: &Metadata) -> Stamp {
+        Stamp { length: metadata.len(), modified: metadata.modified().ok(), inode: inode(metadata) }
+    }
+}
+
+#[cfg(unix)]
+fn inode(metadata: &Metadata) -> (u64, u64, i128) {
+    use std::os::unix::fs::MetadataExt;
+    let changed = i128::from(metadata.ctime()) * 1_000_000_000 + i128::from(metadata.ctime_nsec());
+    (metadata.dev(), metadata.ino(), changed)
+}
+
+#[cfg(not(unix))]
+fn inode(_: &Metadata) -> (u64, u64, i128) {
+    (0, 0, 0)
 }
 
 fn hash(bytes: &[u8]) -> u64 {

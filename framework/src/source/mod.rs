@@ -27,6 +27,7 @@ mod ron_error;
 mod tests;
 mod token;
 
+pub(crate) use content::Stamp;
 pub use content::{Content, Wanted};
 pub use diagnostic::{Diagnostic, Label, nearest};
 pub use errors::{GraphErrors, PlainDiagnostic, Severity};

@@ -33,6 +33,10 @@ use symlink_path::Walk;
 pub const QUIET: Duration = Duration::from_millis(20);
 /// Maximum time until a file that keeps changing is reported.
 pub const MOVING: Duration = Duration::from_secs(1);
+/// As [`QUIET`], for large files, whose writers pause.
+pub const LARGE_QUIET: Duration = Duration::from_millis(100);
+/// As [`MOVING`], for large files, which take long to write and are read from their beginning after each report.
+pub const LARGE_MOVING: Duration = Duration::from_secs(10);
 /// Time until a missing or empty file is reported: a save may have just begun.
 pub const GONE: Duration = Duration::from_secs(1);
 /// Maximum time that a change waits for other files to stop changing, so that files saved together are one change.
@@ -105,9 +109,15 @@ impl Watcher {
     /// Starts a watcher without files. `wake` is called on the watcher's thread when there is a change to take, and
     /// when the [kind](Watcher::kind) changes. Fails if the system cannot create a thread.
     pub fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Watcher> {
-        let native =
-            |handler| -> notify::Result<Native> { Ok(Box::new(notify::recommended_watcher(handler)?)) };
         Watcher::start(PATIENCE, native, wake)
+    }
+
+    /// Starts a watcher of large files, as [`Watcher::new`] does. It does not read them: contents are those of
+    /// [`Content::stamp`]. It waits longer until they have been written: [`LARGE_QUIET`] and [`LARGE_MOVING`].
+    pub fn of_large_files(wake: impl Fn() + Send + 'static) -> std::io::Result<Watcher> {
+        let patience =
+            Patience { quiet: LARGE_QUIET, moving: LARGE_MOVING, content: Content::stamp, ..PATIENCE };
+        Watcher::start(patience, native, wake)
     }
 
     fn start(
@@ -188,8 +198,14 @@ impl Drop for Watcher {
     }
 }
 
-const PATIENCE: Patience =
-    Patience { quiet: QUIET, moving: MOVING, gone: GONE, gather: GATHER, rounds: Some(ROUNDS) };
+const PATIENCE: Patience = Patience {
+    quiet: QUIET,
+    moving: MOVING,
+    gone: GONE,
+    gather: GATHER,
+    rounds: Some(ROUNDS),
+    content: Content::at,
+};
 
 /// Maximum number of messages read before the next look at the files.
 const MAX_AT_ONCE: usize = 1000;
@@ -199,6 +215,10 @@ const MAX_WALKS: usize = 8;
 fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
     // Nothing panics while it holds the lock.
     shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn native(handler: Handler) -> notify::Result<Native> {
+    Ok(Box::new(notify::recommended_watcher(handler)?))
 }
 
 fn is_reading(kind: &EventKind) -> bool {
@@ -294,7 +314,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         self.watch_folders();
         let now = Instant::now();
         for (subject, read) in self.subjects.iter_mut().zip(read.values()) {
-            subject.look();
+            subject.look(self.patience.content);
             subject.built(read);
             subject.weigh(now, now);
         }
@@ -337,7 +357,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         self.watch_folders();
         let now = Instant::now();
         for subject in &mut self.subjects {
-            subject.look();
+            subject.look(self.patience.content);
             subject.weigh(noticed.min(now), now);
         }
         self.looked = now;

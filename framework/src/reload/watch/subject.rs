@@ -4,13 +4,13 @@
 //! or has kept changing for too long. The delay is longer for a missing or empty file, because many editors begin a
 //! save that way.
 
-use std::fs::{self, Metadata};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
-use crate::source::Content;
+use crate::source::{Content, Stamp};
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Patience {
     pub quiet: Duration,
     pub moving: Duration,
@@ -18,6 +18,8 @@ pub struct Patience {
     pub gather: Duration,
     /// Interval of regular looks at all files; `None` disables them.
     pub rounds: Option<Duration>,
+    /// Returns the contents of a path.
+    pub content: fn(&Path) -> Content,
 }
 
 /// A watched file, or a place where one may appear.
@@ -38,16 +40,6 @@ pub struct Subject {
 struct Glance {
     stamp: Option<Stamp>,
     content: Content,
-}
-
-/// Metadata that changes with a file's contents, unless these change twice within the clock's resolution.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Stamp {
-    length: u64,
-    modified: Option<SystemTime>,
-    /// Device, inode, and the time of the last change to either content or inode, in nanoseconds; zeros on systems
-    /// without inodes.
-    inode: (u64, u64, i128),
 }
 
 /// A difference that has not been reported yet.
@@ -99,14 +91,14 @@ impl Subject {
         }
     }
 
-    /// Reads the file if it may have changed since the last look.
-    pub fn look(&mut self) {
+    /// Reads the file with `content` if it may have changed since the last look.
+    pub fn look(&mut self, content: fn(&Path) -> Content) {
         let before = stamp(&self.path);
         // A path without a stamp is looked at again: nothing may have become a link to nothing.
-        if self.glance.is_some_and(|glance| glance.stamp == before) && before.is_some_and(Stamp::is_old) {
+        if self.glance.is_some_and(|glance| glance.stamp == before) && before.is_some_and(is_old) {
             return;
         }
-        let content = Content::at(&self.path);
+        let content = content(&self.path);
         // If the file changed while it was read, its stamp is left out, so that the next look reads it again.
         let stamp = stamp(&self.path).filter(|after| before == Some(*after));
         self.glance = Some(Glance { stamp, content });
@@ -156,27 +148,12 @@ impl Subject {
 }
 
 fn stamp(path: &Path) -> Option<Stamp> {
-    let metadata = fs::metadata(path).ok()?;
-    Some(Stamp { length: metadata.len(), modified: metadata.modified().ok(), inode: inode(&metadata) })
+    fs::metadata(path).ok().map(|metadata| Stamp::of(&metadata))
 }
 
-#[cfg(unix)]
-fn inode(metadata: &Metadata) -> (u64, u64, i128) {
-    use std::os::unix::fs::MetadataExt;
-    let changed = i128::from(metadata.ctime()) * 1_000_000_000 + i128::from(metadata.ctime_nsec());
-    (metadata.dev(), metadata.ino(), changed)
-}
-
-#[cfg(not(unix))]
-fn inode(_: &Metadata) -> (u64, u64, i128) {
-    (0, 0, 0)
-}
-
-impl Stamp {
-    /// Returns true if any later write must have a different time, at any resolution of the clock (2 s on FAT).
-    fn is_old(self) -> bool {
-        const RESOLUTION: Duration = Duration::from_secs(3);
-        let age = self.modified.and_then(|modified| SystemTime::now().duration_since(modified).ok());
-        age.is_some_and(|age| age > RESOLUTION)
-    }
+/// Returns true if any later write must have a different time, at any resolution of the clock (2 s on FAT).
+fn is_old(stamp: Stamp) -> bool {
+    const RESOLUTION: Duration = Duration::from_secs(3);
+    let age = stamp.modified.and_then(|modified| SystemTime::now().duration_since(modified).ok());
+    age.is_some_and(|age| age > RESOLUTION)
 }

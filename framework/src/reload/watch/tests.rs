@@ -18,6 +18,7 @@ struct Desk {
     watcher: Watcher,
     wakes: Receiver<()>,
     wanted: Vec<PathBuf>,
+    content: fn(&Path) -> Content,
 }
 
 impl Desk {
@@ -37,7 +38,7 @@ impl Desk {
         };
         let watcher = Watcher::start(patience, native, wake).expect("a watcher");
         let root = tempfile::tempdir().expect("a folder");
-        let mut desk = Desk { root, watcher, wakes, wanted: Vec::new() };
+        let mut desk = Desk { root, watcher, wakes, wanted: Vec::new(), content: patience.content };
         for (name, text) in files {
             desk.save(name, text);
         }
@@ -62,7 +63,7 @@ impl Desk {
 
     /// Records everything as just built.
     fn built(&mut self) -> Vec<Wanted> {
-        let read = |path: &PathBuf| Wanted { path: path.clone(), content: Content::at(path) };
+        let read = |path: &PathBuf| Wanted { path: path.clone(), content: (self.content)(path) };
         let wanted: Vec<Wanted> = self.wanted.iter().map(read).collect();
         self.watcher.watch(&wanted);
         // Wait until this look is over, so that the next change needs its own event.
@@ -220,13 +221,13 @@ fn a_file_that_never_stands_still_is_a_change_nevertheless() {
 fn a_file_that_is_emptied_by_every_save_is_a_change_nevertheless() {
     let desk = Desk::new(&[("a", "one")]);
     let mut subject = Subject::new(&desk.path("a"));
-    subject.look();
+    subject.look(Content::at);
     subject.built(&[Content::of(b"one")]);
     let begun = Instant::now();
     let mut is_due = |frame: u32| {
         let now = begun + frame * Duration::from_millis(16);
         desk.save("a", if frame.is_multiple_of(2) { "" } else { "two" });
-        subject.look();
+        subject.look(Content::at);
         subject.weigh(now, now);
         subject.difference(&EVENTS).expect("the file differs").due <= now
     };
@@ -464,13 +465,37 @@ fn without_events_the_same_is_noticed_by_looking() {
 }
 
 #[test]
+fn a_large_file_is_known_by_its_metadata_and_every_write_is_a_change_but_no_read() {
+    let patience = Patience { content: Content::stamp, ..EVENTS };
+    let mut desk = Desk::with(patience, true, &[("a", "one"), ("sentinel", "")]);
+    desk.save("a", "");
+    fs::read(desk.path("a")).expect("read");
+    desk.nothing_changed();
+    // Larger than a file that is read.
+    let file = fs::File::options().write(true).open(desk.path("a")).expect("opened");
+    for length in [1 << 25, (1 << 25) + 1] {
+        file.set_len(length).expect("written");
+        assert_eq!(desk.change(), ["a"]);
+        desk.built();
+    }
+    for text in ["two", "two"] {
+        desk.save("new", text);
+        fs::rename(desk.path("new"), desk.path("a")).expect("renamed");
+        assert_eq!(desk.change(), ["a"]);
+        desk.built();
+    }
+    fs::read(desk.path("a")).expect("read");
+    desk.nothing_changed();
+}
+
+#[test]
 fn where_events_are_silent_the_rounds_notice() {
     let (sender, wakes) = channel();
     let native = |_| -> notify::Result<Native> { Ok(Box::new(notify::NullWatcher)) };
     let patience = Patience { rounds: Some(Duration::from_millis(50)), ..EVENTS };
     let watcher = Watcher::start(patience, native, move || _ = sender.send(())).expect("a watcher");
     let root = tempfile::tempdir().expect("a folder");
-    let mut desk = Desk { root, watcher, wakes, wanted: Vec::new() };
+    let mut desk = Desk { root, watcher, wakes, wanted: Vec::new(), content: Content::at };
     desk.save("a", "one");
     desk.want(&["a"]);
     desk.save("a", "two");
@@ -502,7 +527,7 @@ fn a_system_whose_watches_are_used_up_is_polled_and_says_so() {
     let native = |_| -> notify::Result<Native> { Ok(Box::new(Full)) };
     let watcher = Watcher::start(EVENTS, native, move || _ = sender.send(())).expect("a watcher");
     let root = tempfile::tempdir().expect("a folder");
-    let mut desk = Desk { root, watcher, wakes, wanted: Vec::new() };
+    let mut desk = Desk { root, watcher, wakes, wanted: Vec::new(), content: Content::at };
     desk.save("a", "one");
     desk.want(&["a"]);
     desk.wakes.recv_timeout(LONG).expect("woken, as the kind is another");
