@@ -1,9 +1,10 @@
 //! Implements sets of a scene's splats, which the viewer selects and hides, and selection files.
 //!
-//! A selection file is JSON: the number of the scene's splats, to detect files of another scene, and the indices.
-//! `convert --keep` and `--remove` read it.
+//! A selection file is JSON: the number of the scene's splats and a hash of them, to detect files of another scene, and
+//! the indices. `convert --keep` and `--remove` read it.
 
 use crate::io::named_file;
+use crate::io::report::text;
 use serde::{Deserialize, Serialize};
 use splatgraph_assets::{Mesh, Scene};
 use splatgraph_reference::{Gaussian, Splats};
@@ -30,6 +31,9 @@ const MAX_INDEX_BYTES: u64 = 32;
 #[serde(deny_unknown_fields)]
 struct SelectionFile {
     splats: u32,
+    /// Hash of the scene's splats ([`Scene::identity`]), as hexadecimal digits. Earlier versions did not write it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    scene: Option<String>,
     indices: Vec<u32>,
 }
 
@@ -87,31 +91,40 @@ impl SplatSet {
         SplatSet { words }
     }
 
-    /// Formats the set as the text of a selection file. `count` is the number of splats in the scene.
+    /// Formats the set as the text of a selection file of a scene.
     ///
     /// # Errors
     /// See [`serde_json::to_string`]; numbers cause no error.
-    pub fn to_json(&self, count: u32) -> serde_json::Result<String> {
-        serde_json::to_string(&SelectionFile { splats: count, indices: self.indices() })
+    pub fn to_json(&self, scene: &Scene) -> serde_json::Result<String> {
+        let (splats, identity) = (scene.count(), text::hex(scene.identity()));
+        serde_json::to_string(&SelectionFile { splats, scene: Some(identity), indices: self.indices() })
     }
 
-    /// Reads a selection file. `count` is the number of splats in the scene.
+    /// Reads a selection file of a scene.
     ///
     /// # Errors
-    /// The file cannot be read, is no selection file or too large for one, has another number of splats than the scene,
-    /// or lists a splat that the scene lacks.
-    pub fn read(path: &Path, count: u32) -> Result<SplatSet, String> {
+    /// The file cannot be read, is no selection file or too large for one, is of another scene, or lists a splat that
+    /// the scene lacks.
+    pub fn read(path: &Path, scene: &Scene) -> Result<SplatSet, String> {
+        let count = scene.count();
         let of_file = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
         let limit = MAX_FRAME_BYTES + MAX_INDEX_BYTES * u64::from(count);
-        let text = named_file::read(path, limit).map_err(|error| of_file(&error))?;
-        let SelectionFile { splats, indices } = serde_json::from_slice(&text)
+        let bytes = named_file::read(path, limit).map_err(|error| of_file(&error))?;
+        let file: SelectionFile = serde_json::from_slice(&bytes)
             .map_err(|error| of_file(&format!("expected {FORM}, found {error}")))?;
+        let (splats, own) = (file.splats, text::hex(scene.identity()));
         if splats != count {
             return Err(of_file(&format!("expected a selection of {count} splats, found one of {splats}")));
         }
-        match indices.iter().find(|index| **index >= count) {
+        if let Some(other) = file.scene.filter(|other| *other != own) {
+            return Err(of_file(&format!(
+                "expected a selection of the scene {own}, found one of {other}: the scene changed after the selection \
+                 was saved, or is another; if its splats are in the same order, remove \"scene\" from the selection"
+            )));
+        }
+        match file.indices.iter().find(|index| **index >= count) {
             Some(index) => Err(of_file(&format!("indices: expected numbers below {count}, found {index}"))),
-            None => Ok(indices.into_iter().collect()),
+            None => Ok(file.indices.into_iter().collect()),
         }
     }
 }
@@ -169,6 +182,7 @@ impl Splats for Masked<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use splatgraph_assets::synth;
     use std::fs;
 
     fn set(indices: &[u32]) -> SplatSet {
@@ -193,16 +207,21 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_a_set_belongs_to_scenes_with_as_many_splats() {
+    fn a_file_of_a_set_belongs_to_its_scene_or_without_a_hash_to_scenes_with_as_many_splats() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("selection.json");
+        let [scene, other] = [0, 1].map(|seed| synth::generate("uniform", 100, seed).unwrap());
         let read = |text: &str| {
             fs::write(&path, text).unwrap();
-            SplatSet::read(&path, 100)
+            SplatSet::read(&path, &scene)
         };
         let some = set(&[99, 0, 7]);
-        assert_eq!(read(&some.to_json(100).unwrap()), Ok(some));
+        assert_eq!(read(&some.to_json(&scene).unwrap()), Ok(some.clone()));
+        assert_eq!(read("{\"splats\":100,\"indices\":[99,0,7]}"), Ok(some.clone()));
+        let [own, its] = [&scene, &other].map(|scene| text::hex(scene.identity()));
+        let expected = format!("expected a selection of the scene {own}, found one of {its}: ");
         for (text, expected) in [
+            (&*some.to_json(&other).unwrap(), &*expected),
             ("{\"splats\":101,\"indices\":[]}", "expected a selection of 100 splats, found one of 101"),
             ("{\"splats\":100,\"indices\":[3,100]}", "indices: expected numbers below 100, found 100"),
             ("{\"splats\":100,\"indices\":[-1]}", "line 1 column "),
@@ -218,6 +237,6 @@ mod tests {
             "{long}"
         );
         fs::remove_file(&path).unwrap();
-        assert!(SplatSet::read(&path, 100).unwrap_err().contains("selection.json: "));
+        assert!(SplatSet::read(&path, &scene).unwrap_err().contains("selection.json: "));
     }
 }

@@ -72,7 +72,7 @@ impl Exporter {
         self.work.start(move |_| {
             let written = || -> Result<(u64, Vec<String>), String> {
                 let Some(format) = format else {
-                    let text = splats.to_json(scene.count()).map_err(|error| error.to_string())? + "\n";
+                    let text = splats.to_json(&scene).map_err(|error| error.to_string())? + "\n";
                     output::write_new_bytes(&path, text.as_bytes()).map_err(|error| error.to_string())?;
                     return Ok((text.len() as u64, Vec::new()));
                 };
@@ -157,7 +157,7 @@ mod tests {
         let list = folder.path().join("part.json");
         exporter.start(scene.clone(), splats.clone(), None, &list).unwrap();
         assert_eq!(written(&mut exporter).unwrap().bytes, bytes(&list));
-        assert_eq!(SplatSet::read(&list, 200), Ok((*splats).clone()));
+        assert_eq!(SplatSet::read(&list, &scene), Ok((*splats).clone()));
     }
 
     #[test]

@@ -216,7 +216,7 @@ impl EditArgs {
     pub fn changed(&self, mut scene: Scene) -> Result<Scene> {
         if self.lists().next().is_some() {
             let count = scene.count();
-            let read = |path: &PathBuf| SplatSet::read(path, count).map_err(Usage);
+            let read = |path: &PathBuf| SplatSet::read(path, &scene).map_err(Usage);
             let kept = self.keep.as_ref().map_or_else(|| Ok(SplatSet::first(count)), read)?;
             let removed = self.remove.as_ref().map_or_else(|| Ok(SplatSet::default()), read)?;
             let left = kept.without(&removed);
@@ -308,12 +308,12 @@ mod tests {
     fn splats_are_kept_and_removed_by_lists() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
+        let whole = edit(&[]).unwrap();
         let write = |name: &str, indices: &[u32]| {
             let set: SplatSet = indices.iter().copied().collect();
-            std::fs::write(at(name), set.to_json(400).unwrap()).unwrap();
+            std::fs::write(at(name), set.to_json(&whole).unwrap()).unwrap();
             at(name).to_string_lossy().into_owned()
         };
-        let whole = edit(&[]).unwrap();
         let (some, one) = (write("some.json", &[7, 3, 390]), write("one.json", &[3]));
         let kept = edit(&["--keep", &some]).unwrap();
         assert_eq!(kept.positions(), [3, 7, 390].map(|index| whole.positions()[index]));
@@ -324,6 +324,11 @@ mod tests {
             none.contains("expected --keep and --remove to leave a splat, found none left of 400"),
             "{none}"
         );
+        let other = synth::generate("uniform", 400, 1).unwrap();
+        let set: SplatSet = [7].into_iter().collect();
+        std::fs::write(at("other.json"), set.to_json(&other).unwrap()).unwrap();
+        let other = edit(&["--remove", &at("other.json").to_string_lossy()]).unwrap_err();
+        assert!(other.contains("other.json: expected a selection of the scene "), "{other}");
         std::fs::write(at("some.json"), "{\"splats\":3,\"indices\":[]}").unwrap();
         let other = edit(&["--keep", &some]).unwrap_err();
         assert!(other.contains("some.json: expected a selection of 400 splats, found one of 3"), "{other}");
