@@ -71,38 +71,17 @@ pub fn load_any_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> 
         if cancel.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;
     if let Content::Splats(scene) = &content {
-        if scene.dropped().total() > 0 {
-            say(format!(
-                "{}: {} dropped ({})",
-                path.display(),
-                scene_file::splats(scene.dropped().total()),
-                scene.dropped()
-            ));
+        for note in scene_file::notes(scene) {
+            say(format!("{}: {note}", path.display()));
         }
-        if let Some(mesh) = scene.notes().mesh_left_out() {
-            say(format!("{}: left out: {mesh}", path.display()));
-        }
-        if let Some(coarse) = scene.coarse_positions() {
-            say(format!("{}: positions are {coarse}", path.display()));
-        }
-        if let Some(names) = scene_file::skipped(scene) {
-            say(format!(
-                "{}: properties that are not read, although they may matter: {names}",
-                path.display()
-            ));
-        }
-        if let Some(data) = scene_file::after_rows(scene) {
-            say(format!("{}: not read: {data}", path.display()));
-        }
-        tell_mixed_tags(&path.display().to_string(), scene);
     }
     Ok(content)
 }
 
 /// Reports the tags that a merged scene ignores, because the scenes differ in them.
 pub fn tell_mixed_tags(name: &str, scene: &Scene) {
-    if let Some(tags) = scene.notes().mixed_tags() {
-        say(format!("{name}: tags that are ignored, because the scenes differ in them: {tags}"));
+    if let Some(tags) = scene_file::mixed_tags(scene) {
+        say(format!("{name}: {tags}"));
     }
 }
 

@@ -14,6 +14,7 @@ use crate::io::load::LoadOptions;
 use crate::io::output::{Log, is_standard_output, say};
 use crate::view::events::RendererId;
 use crate::view::kept;
+use crate::view::opening;
 use crate::view::paint::Mode;
 use crate::view::panels::Tool;
 use crate::view::panels::selection::Selection;
@@ -22,8 +23,7 @@ use crate::view::window::{self, WindowOptions};
 use anyhow::Result;
 use clap::ValueEnum;
 use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Scene, SceneFormat, names_scenes};
-use splatgraph_framework::reload::Content;
+use splatgraph_assets::{Camera, Scene, SceneFormat};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
@@ -260,14 +260,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_files(args)?;
     args.check()?;
     let cameras = args.drawing.given_cameras()?;
-    let list = args.scene.as_deref().filter(|path| names_scenes(path)).map(Content::at);
+    let files = args.scene.as_deref().map_or_else(Vec::new, opening::files);
     let (scene, cameras) = scene_and_cameras(args, cameras)?;
     let events = args.events.as_deref().map(Log::create).transpose()?;
     let (pipeline, mut set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
     set.extend(storage(args, &scene.0, &scene.1)?);
     let messages = window::run(WindowOptions {
         scene,
-        list,
+        files,
         pipeline,
         set,
         cameras,

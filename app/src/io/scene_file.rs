@@ -187,6 +187,28 @@ pub fn after_rows(scene: &Scene) -> Option<String> {
         .then(|| format!("{} bytes after the last row that the header declares", grouped(*trailing_bytes)))
 }
 
+/// Describes what is unusual about a loaded scene, one text for each property: dropped splats, a mesh that is left out,
+/// coarse positions, and properties and tags that are not used.
+pub fn notes(scene: &Scene) -> Vec<String> {
+    let dropped = scene.dropped();
+    let texts = [
+        (dropped.total() > 0).then(|| format!("{} dropped ({dropped})", splats(dropped.total()))),
+        scene.notes().mesh_left_out().map(|mesh| format!("left out: {mesh}")),
+        scene.coarse_positions().map(|coarse| format!("positions are {coarse}")),
+        skipped(scene)
+            .map(|names| format!("properties that are not read, although they may matter: {names}")),
+        after_rows(scene).map(|data| format!("not read: {data}")),
+        mixed_tags(scene),
+    ];
+    texts.into_iter().flatten().collect()
+}
+
+/// Names the tags that a merged scene ignores, because the scenes differ in them; `None` if there are none.
+pub fn mixed_tags(scene: &Scene) -> Option<String> {
+    let tags = scene.notes().mixed_tags()?;
+    Some(format!("tags that are ignored, because the scenes differ in them: {tags}"))
+}
+
 /// Describes the steps of positions if they are larger than the splats or, in SPZ, than usual, and what to do.
 pub fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
     if let Some(steps) = scene.large_steps(format) {

@@ -223,6 +223,14 @@ pub enum Event {
         /// Loading time, in milliseconds.
         load_ms: f64,
     },
+    /// A loaded scene is unusual: splats were dropped, or tags or properties are not used.
+    SceneNotes {
+        /// Path of the scene.
+        #[serde(serialize_with = "displayed")]
+        path: PathBuf,
+        /// What is unusual, one text for each property, as on standard error at the start.
+        notes: Vec<String>,
+    },
     /// A scene could not be loaded; the previous one stays.
     SceneFailed {
         /// Path of the scene.
@@ -230,6 +238,9 @@ pub enum Event {
         path: PathBuf,
         /// Cause of the failure.
         error: String,
+        /// True if the error stays over the picture until a scene is loaded: the shown scene changed, or a list of
+        /// scenes has an error.
+        stays: bool,
     },
     /// Cameras were loaded.
     Cameras {
@@ -337,7 +348,8 @@ impl fmt::Display for Event {
                 let splats = splatgraph_assets::grouped((*splats).into());
                 write!(f, "{}: {splats} splats in {load_ms:.0} ms", path.display())
             }
-            Event::SceneFailed { path, error } | Event::FileFailed { path, error } => {
+            Event::SceneNotes { path, notes } => write!(f, "{}: {}", path.display(), notes.join("; ")),
+            Event::SceneFailed { path, error, .. } | Event::FileFailed { path, error } => {
                 // Most error messages already contain the file's name.
                 let name = path.display().to_string();
                 if error.contains(&name) { f.write_str(error) } else { write!(f, "{name}: {error}") }

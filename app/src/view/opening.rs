@@ -9,7 +9,8 @@ use super::latest::Latest;
 use super::renderer::Wake;
 use crate::draw::camera;
 use crate::io::load::LoadOptions;
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::{Camera, Scene, scene_paths};
+use splatgraph_framework::reload::{Content as FileContent, Wanted};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -27,8 +28,8 @@ pub struct Opened {
 
 /// The content of a file, or the error of reading it.
 pub enum Content {
-    /// A scene for a viewport.
-    Scene(RendererId, Result<OpenedScene, String>),
+    /// A scene for a viewport, and its files before they were read.
+    Scene(RendererId, Vec<Wanted>, Result<OpenedScene, String>),
     /// Cameras, in world coordinates.
     Cameras(CameraRole, Result<Vec<Camera>, String>),
 }
@@ -45,6 +46,9 @@ pub struct OpenedScene {
     /// Loading time of the scene and the cameras, in milliseconds.
     pub load_ms: f64,
 }
+
+/// The files of a scene before they were read, and the scene or its error.
+type ReadScene = (Vec<Wanted>, Result<OpenedScene, String>);
 
 /// Use of a file's cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,7 +99,7 @@ pub struct Opening {
     /// Number of the newest request.
     newest: u64,
     /// Readers of the scenes of A and B.
-    scenes: [Slot<OpenedScene>; 2],
+    scenes: [Slot<ReadScene>; 2],
     /// Readers of camera files, indexed by [`CameraRole`].
     cameras: [Slot<Vec<Camera>>; 3],
 }
@@ -139,15 +143,18 @@ impl Opening {
         self.newest += 1;
         let load = self.load;
         self.scenes[index(id)].start(self.newest, path, move |path, is_cancelled| {
-            let begun = Instant::now();
+            let (begun, files) = (Instant::now(), files(path));
             let progress =
                 |_, _| if is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-            let scene = load.scene(path, &progress).map_err(|error| error.to_string())?;
-            // Computed here rather than on the frame's thread; the scene caches it.
-            scene.identity();
-            let cameras = camera::beside(path).map(|file| (file.clone(), load_cameras(&file)));
-            let load_ms = begun.elapsed().as_secs_f64() * 1e3;
-            Ok(OpenedScene { scene: Arc::new(scene), cameras, load_ms })
+            let opened = load.scene(path, &progress).map_err(|error| error.to_string()).map(|scene| {
+                // Computed here rather than on the frame's thread; the scene caches both.
+                scene.identity();
+                scene.robust_bounds();
+                let cameras = camera::beside(path).map(|file| (file.clone(), load_cameras(&file)));
+                let load_ms = begun.elapsed().as_secs_f64() * 1e3;
+                OpenedScene { scene: Arc::new(scene), cameras, load_ms }
+            });
+            Ok((files, opened))
         })
     }
 
@@ -171,10 +178,21 @@ impl Opening {
         // Camera files first, so that the cameras of a scene that was opened later replace theirs.
         let mut cameras = [Selectable, Views, Path].into_iter().zip(&mut self.cameras);
         let mut scenes = [RendererId::A, RendererId::B].into_iter().zip(&mut self.scenes);
-        cameras
-            .find_map(|(role, slot)| slot.take(|cameras| Content::Cameras(role, cameras)))
-            .or_else(|| scenes.find_map(|(id, slot)| slot.take(|scene| Content::Scene(id, scene))))
+        cameras.find_map(|(role, slot)| slot.take(|cameras| Content::Cameras(role, cameras))).or_else(|| {
+            scenes.find_map(|(id, slot)| {
+                slot.take(|read| {
+                    let (files, scene) = read.unwrap_or_else(|error| (Vec::new(), Err(error)));
+                    Content::Scene(id, files, scene)
+                })
+            })
+        })
     }
+}
+
+/// Returns the files that decide what the scene at `path` contains, with their contents by metadata.
+pub fn files(path: &Path) -> Vec<Wanted> {
+    let paths = scene_paths(path).into_iter();
+    paths.map(|path| Wanted { content: FileContent::stamp(&path), path }).collect()
 }
 
 /// Returns the index of a viewport's scene. The window has no scene, so it maps to A.
@@ -219,7 +237,7 @@ mod tests {
         assert_eq!(opening.scene(RendererId::A), Some(fast.as_path()));
         let opened = waited(&mut opening);
         assert_eq!(opened.path, fast);
-        let Content::Scene(_, Ok(OpenedScene { scene, cameras: None, .. })) = opened.content else {
+        let Content::Scene(_, _, Ok(OpenedScene { scene, cameras: None, .. })) = opened.content else {
             panic!("{} is no scene without cameras", fast.display());
         };
         assert_eq!(scene.count(), 100);
@@ -242,7 +260,7 @@ mod tests {
             (folder.path().join("nothing.ply"), "No such file"),
         ] {
             opening.open_scene(RendererId::A, &path).unwrap();
-            let Content::Scene(_, Err(error)) = waited(&mut opening).content else {
+            let Content::Scene(_, _, Err(error)) = waited(&mut opening).content else {
                 panic!("{} is a scene", path.display());
             };
             assert!(error.contains(expected), "{error}");

@@ -226,13 +226,7 @@ impl Navigation {
             magnification: 1.0,
             projection: Projection::Pinhole,
         };
-        let finite = bounds.min.iter().chain(&bounds.max).all(|v| v.is_finite());
-        let bounds = if finite { *bounds } else { Bounds::ORIGIN };
-        // A single point has no size. Beyond these limits, squares overflow f32 or lose digits.
-        let scale = match bounds.extent() {
-            extent if extent > 0.0 => extent.clamp(1e-12, 1e18),
-            _ => 1.0,
-        };
+        let (bounds, scale) = usable(bounds);
         let mut navigation = Navigation {
             pose,
             unmoved: None,
@@ -259,6 +253,29 @@ impl Navigation {
     /// Sets the up direction; a vector without a direction is ignored. The camera stays in place.
     pub fn set_up(&mut self, up: DVec3) {
         self.up = up.try_normalize().unwrap_or(self.up);
+    }
+
+    /// Continues in another scene with the same view, speed and first camera. `moved` is the motion of the scene's origin.
+    ///
+    /// `bounds` is as in [`Navigation::new`]. An orthographic view keeps its height.
+    pub fn change_scene(&mut self, bounds: &Bounds, moved: DVec3) {
+        let height = self.height();
+        (self.bounds, self.scale) = usable(bounds);
+        let move_goal = |goal: &mut Goal| {
+            goal.pose.position -= moved;
+            goal.camera = goal.camera.take().map(|camera| camera.relative_to(moved.into()));
+        };
+        if let Some(flight) = &mut self.flight {
+            flight.from.position -= moved;
+            move_goal(&mut flight.to);
+        }
+        let mut now = Goal { pose: self.pose, camera: self.unmoved.take() };
+        move_goal(&mut now);
+        (self.pose, self.unmoved) = (now.pose, now.camera);
+        self.start = self.start.relative_to(moved.into());
+        if self.orthographic {
+            self.pose = self.scaled(self.pose, height);
+        }
     }
 
     /// Sets whether the graph draws an orthographic view. Zooming then changes only the scale, because the near plane
@@ -598,6 +615,18 @@ pub fn mean_up(cameras: &[Camera]) -> Option<DVec3> {
     let sum: DVec3 = ups.sum();
     // A shorter sum means that the directions cancel out, apart from rounding errors.
     (sum.length() > 1e-3 * cameras.len() as f64).then(|| sum.normalize())
+}
+
+/// Returns finite bounds, and their size as a scale.
+fn usable(bounds: &Bounds) -> (Bounds, f64) {
+    let finite = bounds.min.iter().chain(&bounds.max).all(|v| v.is_finite());
+    let bounds = if finite { *bounds } else { Bounds::ORIGIN };
+    // A single point has no size. Beyond these limits, squares overflow f32 or lose digits.
+    let scale = match bounds.extent() {
+        extent if extent > 0.0 => extent.clamp(1e-12, 1e18),
+        _ => 1.0,
+    };
+    (bounds, scale)
 }
 
 fn finite(value: f64) -> f64 {

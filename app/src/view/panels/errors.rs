@@ -31,7 +31,7 @@ impl State {
     ) {
         let (mut problems, mut consequences): (Vec<(RendererId, String)>, Vec<_>) = Default::default();
         for id in [RendererId::A, RendererId::B] {
-            if let Some(error) = viewer.list_error(id) {
+            if let Some(error) = viewer.scene_error(id) {
                 problems.push((id, error.to_owned()));
                 consequences.push((id, "The last scene stays"));
             }

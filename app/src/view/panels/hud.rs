@@ -17,6 +17,8 @@ use std::time::{Duration, Instant};
 const STAY: Duration = Duration::from_secs(5);
 /// Display time of a toast about a failure, or about dropped or restored parameters.
 const STAY_LONG: Duration = Duration::from_secs(12);
+/// Topic of toasts about loaded scenes.
+const SCENE: &str = "the scene";
 const MAX_TOASTS: usize = 4;
 const FRAMES: usize = 120;
 /// Background of text over the picture, dark enough for white text on any picture.
@@ -30,6 +32,8 @@ struct Toast {
     /// True for the message of a failure.
     failed: bool,
     end: Instant,
+    /// Height of its card in the last frame, in points.
+    height: f32,
 }
 
 /// Messages that appear over the picture and disappear by themselves.
@@ -51,7 +55,8 @@ impl Toasts {
         if self.shown.len() == MAX_TOASTS {
             self.shown.remove(0);
         }
-        self.shown.push(Toast { number: self.count, topic, text, failed, end: Instant::now() + stay });
+        let end = Instant::now() + stay;
+        self.shown.push(Toast { number: self.count, topic, text, failed, end, height: 0.0 });
     }
 
     /// Shows an event as a toast if the user is waiting for it or needs to know it.
@@ -73,7 +78,12 @@ impl Toasts {
                     self.add("saved files", text, false, STAY);
                 }
             }
-            Event::Scene { .. } => self.add("the scene", event.to_string(), false, STAY),
+            Event::Scene { .. } => self.add(SCENE, event.to_string(), false, STAY),
+            // Follows the event of the load.
+            Event::SceneNotes { .. } => self.add(SCENE, event.to_string(), false, STAY_LONG),
+            // The card of errors shows it.
+            Event::SceneFailed { stays: true, .. } => self.shown.retain(|toast| toast.topic != SCENE),
+            Event::SceneFailed { .. } => self.add(SCENE, event.to_string(), true, STAY_LONG),
             Event::Cameras { .. }
             | Event::Saved { .. }
             | Event::Exported { .. }
@@ -84,14 +94,15 @@ impl Toasts {
             Event::Dropped { .. } | Event::Restored { .. } => {
                 self.add("", event.to_string(), false, STAY_LONG)
             }
-            Event::SceneFailed { .. } | Event::FileFailed { .. } | Event::Problem { .. } => {
+            Event::FileFailed { .. } | Event::Problem { .. } => {
                 self.add("", event.to_string(), true, STAY_LONG);
             }
             _ => {}
         }
     }
 
-    /// Draws the toasts at the top right of the picture, and removes expired and dismissed ones.
+    /// Draws the toasts at the top right of the picture, and removes expired and dismissed ones. Toasts that would cover
+    /// the card of errors, the oldest first, are not drawn.
     pub fn show(&mut self, ctx: &Context, view: Rect, controls: &mut Controls) {
         let now = Instant::now();
         self.shown.retain(|toast| toast.end > now);
@@ -100,7 +111,15 @@ impl Toasts {
         let mut dismissed = None;
         let palette = Palette::in_mode(ctx.theme() == egui::Theme::Dark);
         let mut top = view.top() + 3.0 * GRID;
-        for toast in &self.shown {
+        let gap = 2.0 * GRID;
+        let bottom = controls.find("mistakes").map_or(f32::INFINITY, |card| card.top());
+        let mut room = bottom - top;
+        let fits = |toast: &&mut Toast| {
+            room -= toast.height + gap;
+            room >= 0.0
+        };
+        let skipped = self.shown.len() - self.shown.iter_mut().rev().take_while(fits).count();
+        for toast in &mut self.shown[skipped..] {
             let edge = if toast.failed { palette.error } else { palette.line };
             let shown = Area::new(Id::unique(("toast", toast.number)))
                 .fixed_pos(pos2(view.right() - 3.0 * GRID, top))
@@ -118,7 +137,8 @@ impl Toasts {
                         });
                     });
                 });
-            top = shown.response.rect.bottom() + 2.0 * GRID;
+            toast.height = shown.response.rect.height();
+            top = shown.response.rect.bottom() + gap;
             controls.see("toast", shown.response.rect);
         }
         self.shown.retain(|toast| Some(toast.number) != dismissed);
@@ -326,6 +346,11 @@ mod tests {
         }
         let texts: Vec<&str> = toasts.shown.iter().map(|toast| toast.text.as_str()).collect();
         assert_eq!(texts, ["grey is now 0.8", "mine.ron: 2.00 ms, 5 passes", "a.ply: 5 splats in 1 ms"]);
+        let failed = |stays| Event::SceneFailed { path: "a.ply".into(), error: "it is half".into(), stays };
+        toasts.tell(&failed(false));
+        assert_eq!(toasts.shown[2].text, "a.ply: it is half");
+        toasts.tell(&failed(true));
+        assert_eq!(toasts.shown.len(), 2, "the card of errors shows it");
     }
 
     #[test]
@@ -344,5 +369,30 @@ mod tests {
             output.textures_delta.clear();
         }
         assert_eq!(toasts.shown.len(), 1);
+    }
+
+    #[test]
+    fn toasts_that_would_cover_the_card_of_errors_wait_the_oldest_first() {
+        let ctx = Context::default();
+        let mut toasts = Toasts::default();
+        for text in ["one", "two", "three"] {
+            toasts.done(text.into());
+        }
+        let view = Rect::from_min_size(pos2(0.0, 0.0), vec2(640.0, 360.0));
+        let mut drawn = |card: f32| {
+            let mut controls = Controls::default();
+            for _ in 0..3 {
+                controls = Controls::default();
+                controls.see("mistakes", Rect::from_min_max(pos2(0.0, card), view.max));
+                let mut output =
+                    ctx.run_ui(Default::default(), |ui| toasts.show(ui.ctx(), view, &mut controls));
+                output.textures_delta.clear();
+            }
+            controls.find("toast").map(|last| last.bottom())
+        };
+        let all = drawn(360.0).expect("all fit");
+        let fewer = drawn(all - 1.0).expect("two fit");
+        assert!(fewer < all - 1.0, "{fewer} of {all}");
+        assert_eq!(drawn(20.0), None);
     }
 }

@@ -5,8 +5,8 @@ mod compilers;
 mod faults;
 mod idle;
 mod panels;
-mod placed;
 mod room;
+mod scene_watch;
 mod scenes;
 mod script;
 

@@ -9,7 +9,7 @@ use super::events::{Event, RendererId};
 use super::export::Exporter;
 use super::latest::Latest;
 use super::navigation::{self, Navigation};
-use super::opening::{CameraRole, Opening};
+use super::opening::{self, CameraRole, Opening};
 use super::paint::{Mode, Shown};
 use super::profile::zone;
 use super::renderer::{self, Choice, PlanInputs, Renderer, Wake};
@@ -18,6 +18,7 @@ use crate::draw::backend::Backend;
 use crate::draw::camera_path::{self, CameraPath, Playback};
 use crate::draw::pick::{Picked, pick};
 use crate::draw::splat_set::Masked;
+use crate::io::scene_file;
 use glam::DVec3;
 use splatgraph_api::{BackendError, Device, Running};
 use splatgraph_assets::{Camera, Scene, grouped, names_scenes};
@@ -29,14 +30,14 @@ mod comparing;
 mod comparison;
 mod copy;
 mod graph;
-mod placed;
+mod scene_watch;
 mod scenes;
 mod splats;
 mod subject;
 
 use comparing::Comparing;
 pub use comparing::Differences;
-use placed::PlacedFiles;
+use scene_watch::SceneWatch;
 use subject::Subject;
 pub use subject::{Combine, Marks, Part};
 
@@ -104,7 +105,7 @@ pub struct Viewer {
     picked_before: Option<[f64; 3]>,
     /// Marks to apply to the scenes that are being loaded for A and B.
     restored: [Option<Marks>; 2],
-    /// Lists of scenes whose splats got other indices; see [`Viewer::take_reindexed`].
+    /// Scenes whose splats got other indices; see [`Viewer::take_reindexed`].
     reindexed: Vec<PathBuf>,
     exporter: Exporter,
     /// True if the window uses another device, so that pictures are copied through host memory.
@@ -113,9 +114,9 @@ pub struct Viewer {
     /// Size of the pictures requested by the last frame, in pixels.
     asked: (u32, u32),
     opening: Opening,
-    placed: PlacedFiles,
-    /// Paths and errors of A's and B's lists of scenes. An error stays until a scene is loaded for the viewport.
-    list_errors: [Option<(PathBuf, String)>; 2],
+    scene_watch: SceneWatch,
+    /// Paths and errors of A's and B's watched scenes. An error stays until a scene is loaded for the viewport.
+    scene_errors: [Option<(PathBuf, String)>; 2],
     /// Number of the last request that opened selectable cameras separately from a scene; 0 before the first.
     cameras_number: u64,
     comparing: Comparing,
@@ -141,8 +142,10 @@ impl Viewer {
     ) -> Result<Viewer, ViewerError> {
         let path_of_camera = CameraPath::new(camera_path::length_of_radian(&scene));
         let renderer = Renderer::new(RendererId::A, device, Choice::new(graph, set), wake.clone())?;
-        let mut placed = PlacedFiles::default();
-        placed.follow(RendererId::A, &path, &wake)?;
+        let mut scene_watch = SceneWatch::default();
+        scene_watch.follow(RendererId::A, &path, opening::files(&path), &wake)?;
+        let notes = scene_file::notes(&scene);
+        let notes = (!notes.is_empty()).then(|| Event::SceneNotes { path: path.clone(), notes });
         let subject = Subject::new(scene, path, wake.clone());
         Ok(Viewer {
             navigation: subject.navigation(subject.scene.up()),
@@ -175,13 +178,13 @@ impl Viewer {
             rests: false,
             asked: (0, 0),
             opening: Opening::new(&wake),
-            placed,
-            list_errors: [const { None }; 2],
+            scene_watch,
+            scene_errors: [const { None }; 2],
             cameras_number: 0,
             comparing: Comparing::new(wake.clone()),
             copy_limit: None,
             copying: None,
-            events: Vec::new(),
+            events: notes.into_iter().collect(),
             wake,
         })
     }
@@ -432,10 +435,10 @@ impl Viewer {
     /// Errors are kept in the renderers: see [`Renderer::problem`] and [`Viewer::lost`].
     pub fn frame(&mut self, size: (u32, u32)) {
         zone!("pictures");
-        self.reload_scenes();
         while let Some(opened) = self.opening.take() {
             self.take(opened);
         }
+        self.reload_scenes();
         self.take_comparison();
         match self.picker.take() {
             None => {}

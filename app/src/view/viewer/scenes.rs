@@ -6,13 +6,12 @@ use super::Viewer;
 use super::subject::{Marks, Subject};
 use crate::draw::camera_path;
 use crate::io::load::LoadOptions;
-use crate::io::output;
+use crate::io::scene_file;
 use crate::view::events::{Event, RendererId};
-use crate::view::navigation::Navigation;
 use crate::view::opening::{self, CameraRole, CamerasBeside, Content, Opened, OpenedScene};
 use glam::DVec3;
-use splatgraph_assets::Scene;
-use splatgraph_framework::reload::Content as FileContent;
+use splatgraph_assets::{Scene, names_scenes};
+use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::source::canonical;
 use std::path::Path;
 
@@ -45,15 +44,15 @@ impl Viewer {
         &self.subject_of(id).path
     }
 
-    /// Returns the error of the list of scenes that was read last for a viewport, with its location; `None` once a
-    /// scene is loaded.
-    pub fn list_error(&self, id: RendererId) -> Option<&str> {
-        self.list_errors[opening::index(id)].as_ref().map(|(_, text)| text.as_str())
+    /// Returns the error of the shown scene, which changed, or of a list of scenes that was opened, with its location;
+    /// `None` once a scene is loaded.
+    pub fn scene_error(&self, id: RendererId) -> Option<&str> {
+        self.scene_errors[opening::index(id)].as_ref().map(|(_, text)| text.as_str())
     }
 
-    /// Returns the path of the list of scenes whose error [`Viewer::list_error`] returns.
-    fn failed_list(&self, id: RendererId) -> Option<&Path> {
-        self.list_errors[opening::index(id)].as_ref().map(|(path, _)| path.as_path())
+    /// Returns the path of the scene whose error [`Viewer::scene_error`] returns.
+    fn failed_scene(&self, id: RendererId) -> Option<&Path> {
+        self.scene_errors[opening::index(id)].as_ref().map(|(path, _)| path.as_path())
     }
 
     /// Sets the options of all later loads of scenes.
@@ -78,61 +77,47 @@ impl Viewer {
             return self.share_scene();
         }
         self.restored[opening::index(id)] = None;
-        if let Err(error) = self.placed.follow(id, path, &self.wake) {
+        if let Err(error) = self.opening.open_scene(id, path) {
+            self.events.push(Event::SceneFailed { path: path.to_owned(), error, stays: false });
+        }
+    }
+
+    /// Sets the contents that the files of A's scene had before it was loaded. Without them, a write during the load
+    /// would be missed.
+    pub fn set_files_read(&mut self, files: Vec<Wanted>) {
+        let path = self.scene_path().to_owned();
+        self.follow(RendererId::A, &path, files);
+    }
+
+    fn follow(&mut self, id: RendererId, path: &Path, files: Vec<Wanted>) {
+        if let Err(error) = self.scene_watch.follow(id, path, files, &self.wake) {
             self.events.push(Event::Problem { text: format!("changes are not detected: {error}") });
         }
-        if let Err(error) = self.opening.open_scene(id, path) {
-            self.events.push(Event::SceneFailed { path: path.to_owned(), error });
-        }
     }
 
-    /// Sets the contents that A's list of scenes had before its scenes were loaded. Without them, a save during the
-    /// load would be missed.
-    pub fn set_list_read(&mut self, content: FileContent) {
-        let path = self.scene_path().to_owned();
-        self.placed.read_as(RendererId::A, &path, content);
-    }
-
+    /// Loads the changed scenes again, unless another load is running for their viewport: a file that keeps changing
+    /// would restart it forever.
     pub(super) fn reload_scenes(&mut self) {
-        for path in self.placed.take() {
-            for id in [RendererId::A, RendererId::B] {
-                match self.loading(id) {
-                    // The file may have been read before it changed.
-                    Some(loading) if loading == path => {
-                        let restored = self.restored[opening::index(id)].take();
-                        self.open_scene_in(id, &path);
-                        self.restored[opening::index(id)] = restored;
-                    }
-                    Some(_) if self.awaits(id, &path) => self.placed.postpone(id, path.clone()),
-                    None if self.awaits(id, &path) => self.open_scene_in(id, &path),
-                    Some(_) | None => {}
-                }
+        for id in [RendererId::A, RendererId::B] {
+            if self.loading(id).is_none()
+                && let Some(path) = self.scene_watch.take(id)
+            {
+                self.open_scene_in(id, &path);
             }
         }
     }
 
-    /// Ends a load, successful or not: from now on, only the shown list of scenes and a list with an error are watched.
-    /// If one of them changed during the load, loads it again.
+    /// Ends a load, successful or not: from now on, only the shown scene and one with an error are watched.
     fn settle(&mut self, id: RendererId) {
-        let (shown, failed) = (self.scene_path_of(id).to_owned(), self.failed_list(id).map(Path::to_owned));
-        if let Some(changed) = self.placed.settle(id, &shown, failed.as_deref())
-            && self.awaits(id, &changed)
-        {
-            self.open_scene_in(id, &changed);
-        }
-    }
-
-    /// Returns true if a change of the list of scenes at `path` must load it again: the viewport shows the list or its
-    /// error.
-    fn awaits(&self, id: RendererId, path: &Path) -> bool {
-        self.reloads(id, path) || self.failed_list(id) == Some(path)
+        let (shown, failed) = (self.scene_path_of(id).to_owned(), self.failed_scene(id).map(Path::to_owned));
+        self.scene_watch.retain(id, &shown, failed.as_deref());
     }
 
     /// Makes B draw A's scene instead of its own, and cancels a load for B.
     pub fn share_scene(&mut self) {
         self.opening.cancel_scene(RendererId::B);
-        self.placed.forget(RendererId::B);
-        self.list_errors[opening::index(RendererId::B)] = None;
+        self.scene_watch.forget(RendererId::B);
+        self.scene_errors[opening::index(RendererId::B)] = None;
         if self.other.take().is_some() && self.picked_in == RendererId::B {
             self.forget_picked();
         }
@@ -154,15 +139,15 @@ impl Viewer {
         if self.other.is_none() && self.loading(RendererId::B).is_some() {
             let (copy, applied) = self.subject.copied(self.wake.clone());
             self.other = Some(copy);
-            self.placed.copy_to_b();
+            self.scene_watch.copy_to_b();
             self.events.extend(applied.err().map(|text| Event::Problem { text }));
         }
         if let Some(other) = self.other.take() {
             let former = self.replace_subject(other);
             self.other = Some(former);
-            self.placed.exchange();
+            self.scene_watch.exchange();
             self.restored.swap(0, 1);
-            self.list_errors.swap(0, 1);
+            self.scene_errors.swap(0, 1);
             self.opening.exchange_scenes();
             self.forget_picked();
         }
@@ -170,12 +155,10 @@ impl Viewer {
 
     /// Replaces A's scene, and returns the previous one. All cameras keep their positions in the world.
     fn replace_subject(&mut self, subject: Subject) -> Subject {
-        let camera = self.world_camera();
         let offset = self.scene().offset();
         let former = std::mem::replace(&mut self.subject, subject);
         let scene = self.subject.whole.clone();
-        let up = self.navigation.up();
-        self.navigation = Navigation::new(&scene.robust_bounds(), &camera.relative_to(scene.offset()), up);
+        self.navigation.change_scene(&scene.robust_bounds(), self.moved_from(offset));
         self.move_cameras(offset);
         self.path.set_radian(camera_path::length_of_radian(&scene));
         former
@@ -183,19 +166,28 @@ impl Viewer {
 
     /// Converts the selectable cameras to A's scene, from a scene whose origin is at `former` in the world.
     fn move_cameras(&mut self, former: [f64; 3]) {
-        let moved = DVec3::from(self.scene().offset()) - DVec3::from(former);
+        let moved = self.moved_from(former);
         for camera in &mut self.cameras {
             *camera = camera.relative_to(moved.into());
         }
     }
 
+    /// Returns the motion of the origin of A's scene, from that of a scene at `former` in the world.
+    fn moved_from(&self, former: [f64; 3]) -> DVec3 {
+        DVec3::from(self.scene().offset()) - DVec3::from(former)
+    }
+
     pub(super) fn take(&mut self, opened: Opened) {
         let Opened { path, number, content } = opened;
         match content {
-            Content::Scene(id, Ok(OpenedScene { scene, cameras, load_ms })) => {
-                self.list_errors[opening::index(id)] = None;
-                let splats = scene.count();
+            Content::Scene(id, files, Ok(OpenedScene { scene, cameras, load_ms })) => {
+                self.follow(id, &path, files);
+                self.scene_errors[opening::index(id)] = None;
+                let (splats, notes) = (scene.count(), scene_file::notes(&scene));
                 self.events.push(Event::Scene { path: path.clone(), splats, load_ms });
+                if !notes.is_empty() {
+                    self.events.push(Event::SceneNotes { path: path.clone(), notes });
+                }
                 let mut subject = Subject::new(scene, path, self.wake.clone());
                 if self.reloads(id, &subject.path) {
                     subject.up = self.subject_of(id).up;
@@ -214,12 +206,15 @@ impl Viewer {
                 }
                 self.settle(id);
             }
-            Content::Scene(id, Err(error)) => {
-                let is_list = self.placed.follows(id, &path);
-                let event = Event::SceneFailed { path: path.clone(), error };
-                if is_list {
-                    let text = placed_error(&event.to_string(), &path);
-                    self.list_errors[opening::index(id)] = Some((path, text));
+            Content::Scene(id, files, Err(error)) => {
+                // A watched file may be missing or half written, and is then not recognised as a list.
+                let stays =
+                    self.reloads(id, &path) || self.failed_scene(id) == Some(&*path) || names_scenes(&path);
+                let event = Event::SceneFailed { path: path.clone(), error, stays };
+                if stays {
+                    self.follow(id, &path, files);
+                    let text = located(&event.to_string(), &path);
+                    self.scene_errors[opening::index(id)] = Some((path, text));
                 }
                 self.events.push(event);
                 self.settle(id);
@@ -233,36 +228,32 @@ impl Viewer {
         }
     }
 
-    /// Returns the marks for a newly loaded scene: restored ones, or those of a list that was loaded again; otherwise
-    /// `None`. Reports marks that were dropped because their file changed, and records reindexed lists.
+    /// Returns the marks for a newly loaded scene: restored ones, or those of a scene that was loaded again; otherwise
+    /// `None`. Reports marks that were dropped, and records reindexed scenes.
     fn marks_for(&mut self, id: RendererId, subject: &Subject) -> Option<Marks> {
         let restored = self.restored[opening::index(id)].take();
         if restored.is_some() || !self.reloads(id, &subject.path) {
             return restored;
         }
         let former = self.subject_of(id);
-        let (marks, dropped) = former.marks().carried(&former.whole, &subject.whole);
-        let reindexed = !dropped.is_empty() || former.whole.parts() != subject.whole.parts();
+        let (marks, lost) = former.carried_marks(subject);
+        let reindexed = !lost.is_empty() || former.parts() != subject.parts();
         self.reindexed.extend(reindexed.then(|| subject.path.clone()));
-        for file in dropped {
-            let name = output::one_line(&file.display().to_string()).into_owned();
-            let text = format!("{name} changed: its hidden splats are shown again, and none is selected");
-            self.events.push(Event::Problem { text });
-        }
+        let problems = lost.iter().map(|lost| Event::Problem { text: lost.to_string() });
+        self.events.extend(problems);
         Some(marks)
     }
 
-    /// Returns true if the viewport's own scene is the list of scenes at `path`: loading it again keeps its marks.
-    /// False for B while it shares A's scene.
+    /// Returns true if the viewport's own scene is that at `path`: loading it again keeps the view and the marks. False
+    /// for B while it shares A's scene.
     pub(super) fn reloads(&self, id: RendererId, path: &Path) -> bool {
         let is_its_own = id == RendererId::A || self.has_two_scenes();
-        is_its_own && self.scene_path_of(id) == path && self.placed.follows(id, path)
+        is_its_own && self.scene_path_of(id) == path
     }
 
     /// Shows the scene of request `number` with the cameras beside it, or with the selectable cameras of a later
-    /// request. A list that was loaded again keeps the view and the cameras.
+    /// request. A scene that was loaded again keeps the view and the cameras.
     fn show_scene(&mut self, subject: Subject, number: u64, beside: Option<CamerasBeside>) {
-        // The file was edited: keep the view while the user adjusts the placement.
         if self.reloads(RendererId::A, &subject.path) {
             self.replace_subject(subject);
             return;
@@ -284,12 +275,16 @@ impl Viewer {
 }
 
 /// Adds the location to the error of a list of scenes, as in the errors of graphs: the line and column that the text
-/// names, or the start of the file.
-fn placed_error(text: &str, path: &Path) -> String {
+/// names, or the start of the file. Errors of other scenes stay as they are.
+fn located(text: &str, path: &Path) -> String {
     let number = |name: &str| {
         let after = text.split_once(name)?.1;
         after.split(|c: char| !c.is_ascii_digit()).next()?.parse::<u32>().ok()
     };
+    let is_list = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("ron"));
+    if !is_list && !names_scenes(path) {
+        return format!("error: {text}");
+    }
     let (line, column) = number(": line ").zip(number(", column ")).unwrap_or((1, 1));
     format!("error: {text}\n --> {}:{line}:{column}", path.display())
 }

@@ -6,6 +6,7 @@
 use crate::draw::facts;
 use crate::draw::select::{Reach, Region};
 use crate::draw::splat_set::SplatSet;
+use crate::io::output;
 use crate::view::latest::Latest;
 use crate::view::navigation::Navigation;
 use crate::view::renderer::Wake;
@@ -13,6 +14,7 @@ use splatgraph_assets::{Camera, SH_C0, Scene, SceneMemoryError, ScenePart, Splat
 use splatgraph_framework::ir::Catalog;
 use splatgraph_framework::source::canonical;
 use std::collections::VecDeque;
+use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -46,32 +48,35 @@ impl Marks {
     pub fn rest(&self, count: u32) -> SplatSet {
         self.visible(count).without(&self.selected)
     }
+}
 
-    /// Maps marks of a list of scenes from its previous load, `former`, to the new one, `scene`. A listed scene's marks
-    /// follow it to its new position in the list if its file has the same splats; otherwise the marks are dropped, and
-    /// the file is returned. A file that the list names several times is matched in order.
-    pub(super) fn carried(&self, former: &Scene, scene: &Scene) -> (Marks, Vec<PathBuf>) {
-        let (mut carried, mut dropped) = ([Vec::new(), Vec::new()], Vec::new());
-        let mut left: Vec<&ScenePart> = scene.parts().iter().collect();
-        for part in former.parts() {
-            let its_own = left.iter().position(|new| new.file == part.file).map(|at| left.remove(at));
-            let is_same = |new: &&ScenePart| scene.has_splats_of(new, former, part);
-            let marked = [&self.selected, &self.hidden]
-                .map(|set| part.splats.clone().filter(|index| set.contains(*index)).collect::<Vec<u32>>());
-            if marked.iter().all(Vec::is_empty) {
-                continue;
+/// Marks of a file's splats that were dropped when the scene was loaded again.
+pub(super) struct LostMarks {
+    file: PathBuf,
+    /// True if the scene still has the file, with other splats.
+    is_listed: bool,
+    selected: bool,
+    hidden: bool,
+}
+
+impl fmt::Display for LostMarks {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let name = output::one_line(&self.file.display().to_string()).into_owned();
+        match (self.is_listed, self.selected, self.hidden) {
+            (true, false, _) => write!(f, "{name} changed: its hidden splats are shown again"),
+            (true, true, false) => write!(f, "{name} changed: none of its splats is selected any more"),
+            (true, true, true) => {
+                write!(f, "{name} changed: its hidden splats are shown again, and none is selected")
             }
-            match its_own.filter(is_same) {
-                Some(new) => {
-                    for (indices, marked) in carried.iter_mut().zip(&marked) {
-                        indices.extend(marked.iter().map(|at| at - part.splats.start + new.splats.start));
-                    }
-                }
-                None => dropped.push(part.file.clone()),
+            (false, selected, hidden) => {
+                let lost = match (selected, hidden) {
+                    (true, true) => "selection and its hidden splats",
+                    (true, false) => "selection",
+                    (false, _) => "hidden splats",
+                };
+                write!(f, "{name} is no longer in the list; its {lost} went with it")
             }
         }
-        let [selected, hidden] = carried.map(|indices| Arc::new(indices.into_iter().collect()));
-        (Marks { selected, hidden }, dropped)
     }
 }
 
@@ -176,6 +181,41 @@ impl Subject {
     pub fn navigation(&self, up: [f64; 3]) -> Navigation {
         let camera = Camera::framing_upright(&self.scene, up, None, facts::DEFAULT_SIZE);
         Navigation::new(&self.scene.robust_bounds(), &camera, up.into())
+    }
+
+    /// Returns the files of the scene with their splats: the entries of a list, or the scene itself.
+    pub fn parts(&self) -> Vec<ScenePart> {
+        match self.whole.parts() {
+            [] => vec![ScenePart { file: self.path.clone(), splats: 0..self.whole.count() }],
+            parts => parts.to_vec(),
+        }
+    }
+
+    /// Maps the marks to a later load of the scene. A file's marks follow it to its new position in a list if it has
+    /// the same splats; otherwise they are dropped, and returned. A file that a list names several times is matched in
+    /// order.
+    pub fn carried_marks(&self, new: &Subject) -> (Marks, Vec<LostMarks>) {
+        let (mut carried, mut lost) = ([Vec::new(), Vec::new()], Vec::new());
+        let mut left = new.parts();
+        for part in self.parts() {
+            let its_own = left.iter().position(|new| new.file == part.file).map(|at| left.remove(at));
+            let marked = [&self.marks.selected, &self.marks.hidden]
+                .map(|set| part.splats.clone().filter(|index| set.contains(*index)).collect::<Vec<u32>>());
+            if marked.iter().all(Vec::is_empty) {
+                continue;
+            }
+            let is_same = |own: &&ScenePart| new.whole.has_splats_of(own, &self.whole, &part);
+            if let Some(own) = its_own.as_ref().filter(is_same) {
+                for (indices, marked) in carried.iter_mut().zip(&marked) {
+                    indices.extend(marked.iter().map(|at| at - part.splats.start + own.splats.start));
+                }
+            } else {
+                let [selected, hidden] = marked.map(|marked| !marked.is_empty());
+                lost.push(LostMarks { file: part.file, is_listed: its_own.is_some(), selected, hidden });
+            }
+        }
+        let [selected, hidden] = carried.map(|indices| Arc::new(indices.into_iter().collect()));
+        (Marks { selected, hidden }, lost)
     }
 
     /// Counts the hidden splats; 0 if the last file of the rest was written with the same splats hidden.

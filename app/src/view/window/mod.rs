@@ -27,7 +27,7 @@ use event_log::EventLog;
 use running::{Closing, Running, title};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::reload::Content;
+use splatgraph_framework::reload::Wanted;
 use std::mem::ManuallyDrop;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -45,8 +45,8 @@ pub type Setup<'a> = Box<dyn FnOnce(&mut Shell, (u32, u32)) -> Result<()> + 'a>;
 pub struct WindowOptions<'a> {
     /// The scene to open and the path of its file.
     pub scene: (Scene, PathBuf),
-    /// Contents of the list of scenes, read before its scenes were loaded; `None` for other files.
-    pub list: Option<Content>,
+    /// Contents of the scene's files before it was loaded.
+    pub files: Vec<Wanted>,
     /// Built-in name or path of the graph.
     pub pipeline: String,
     /// Names and values of parameters to change.
@@ -138,8 +138,9 @@ impl App<'_> {
             let _ = proxy.send_event(());
         });
         let mut viewer = Viewer::new(device, options.scene, &options.pipeline, &options.set, wake.clone())?;
-        if let Some(list) = options.list {
-            viewer.set_list_read(list);
+        // The demo scene has none.
+        if !options.files.is_empty() {
+            viewer.set_files_read(options.files);
         }
         viewer.set_cameras(options.cameras);
         viewer.continuous = options.continuous || options.frames.is_some() || options.screenshot.is_some();

@@ -1,12 +1,12 @@
-//! Tests editing a list of scenes while the viewer shows its scenes.
+//! Tests scenes whose files change while the viewer shows them.
 
 use super::script::Script;
 use crate::draw::splat_set::SplatSet;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Input;
 use crate::view::viewer::Marks;
-use splatgraph_assets::synth;
-use splatgraph_framework::reload::Content;
+use splatgraph_assets::{QUIET, Scene, Similarity, synth};
+use splatgraph_framework::reload::{Content, Wanted};
 use splatgraph_null::Config;
 use std::fs;
 use std::time::Duration;
@@ -47,7 +47,7 @@ fn a_changed_file_of_scenes_is_shown_from_where_the_camera_is_and_a_mistake_keep
     assert_eq!(script.viewer().scene().count(), first + 200);
     write("Scenes([\n  Scene(fil: \"second.ply\"),\n])");
     script.until("the other mistake", |script| {
-        let error = script.viewer().list_error(RendererId::A).map(str::to_owned);
+        let error = script.viewer().scene_error(RendererId::A).map(str::to_owned);
         error.is_some_and(|error| error.contains("both.ron:2:"))
     });
     script.sleep(60);
@@ -55,7 +55,7 @@ fn a_changed_file_of_scenes_is_shown_from_where_the_camera_is_and_a_mistake_keep
     assert!(script.panels().controls.find("mistakes:edit").is_some(), "the error stays");
     write("Scenes([Scene(file: \"second.ply\")])");
     script.until("the mended file", |script| script.viewer().scene().count() == 200);
-    assert_eq!(script.viewer().list_error(RendererId::A), None);
+    assert_eq!(script.viewer().scene_error(RendererId::A), None);
     let (_, events, _) = script.close(&[]);
     let scenes = events.iter().filter(|event| matches!(event, Event::Scene { .. })).count();
     assert_eq!(scenes, 3);
@@ -90,8 +90,17 @@ fn splats_of_an_unchanged_scene_stay_hidden_when_its_list_is_loaded_again_and_a_
     script.until("the changed scene", |script| script.viewer().scene().count() == 298);
     let marks = script.viewer().marks(RendererId::A).clone();
     assert_eq!(marks, Marks { hidden: set(&[0, 7]), selected: set(&[8]) });
-    let is_told = |event: &Event| matches!(event, Event::Problem { text } if text.contains("second.ply changed: its hidden splats are shown again"));
-    assert!(script.has_event(is_told), "{:#?}", script.events);
+    let tells = |script: &Script, expected: &str| {
+        script.has_event(|event| matches!(event, Event::Problem { text } if text.contains(expected)))
+    };
+    let told = tells(&script, "second.ply changed: its hidden splats are shown again, and none is selected");
+    assert!(told, "{:#?}", script.events);
+
+    write("Scenes([Scene(file: \"second.ply\")])");
+    script.until("the shorter list", |script| script.viewer().scene().count() == 200);
+    let lost = "first.ply is no longer in the list; its selection and its hidden splats went with it";
+    assert!(tells(&script, lost), "{:#?}", script.events);
+    assert!(script.viewer().marks(RendererId::A).is_empty());
     script.close(&[]);
 }
 
@@ -146,12 +155,12 @@ fn a_file_of_scenes_is_followed_while_it_is_on_the_screen_although_another_scene
 #[test]
 fn a_file_of_scenes_that_was_opened_with_a_mistake_is_loaded_once_it_is_mended() {
     let (mut script, write) = opened("Scenes([");
-    let is_told = |script: &mut Script| script.viewer().list_error(RendererId::A).is_some();
+    let is_told = |script: &mut Script| script.viewer().scene_error(RendererId::A).is_some();
     script.until("the mistake", is_told);
     script.settle();
     write("Scenes([Scene(fil: \"second.ply\")])");
     script.until("the other mistake", |script| {
-        script.viewer().list_error(RendererId::A).is_some_and(|error| error.contains("fil"))
+        script.viewer().scene_error(RendererId::A).is_some_and(|error| error.contains("fil"))
     });
     // The error stays while another file fails, and so does the watch.
     let missing = script.path("missing.ply");
@@ -178,10 +187,9 @@ fn a_file_of_scenes_that_was_opened_with_a_mistake_is_loaded_once_it_is_mended()
 fn a_file_of_scenes_that_was_saved_after_it_was_read_and_before_it_was_watched_is_loaded_again() {
     let (mut script, _) = opened("Scenes([Scene(file: \"first.ply\")])");
     script.until("the file", |script| script.viewer().scene_path().ends_with("both.ron"));
-    let loads =
-        |script: &Script| script.events.iter().filter(|event| matches!(event, Event::Scene { .. })).count();
     let before = loads(&script);
-    script.viewer().set_list_read(Content::of(b"Scenes([Scene(file: \"second.ply\")])"));
+    let stale = Wanted { path: script.path("both.ron"), content: Content::Missing };
+    script.viewer().set_files_read(vec![stale]);
     script.until("the other load", |script| loads(script) > before);
     script.close(&[]);
 }
@@ -194,4 +202,98 @@ fn a_file_of_scenes_that_is_saved_while_it_is_loaded_is_loaded_again() {
     std::thread::sleep(Duration::from_millis(300));
     script.until("the saved file", |script| script.viewer().scene().count() == 200);
     script.close(&[]);
+}
+
+fn loads(script: &Script) -> usize {
+    script.events.iter().filter(|event| matches!(event, Event::Scene { .. })).count()
+}
+
+/// Waits until a new load of the scene, and returns the number of its splats.
+fn loaded(script: &mut Script) -> u32 {
+    let before = loads(script);
+    script.until("the load", |script| loads(script) > before);
+    script.viewer().loaded(RendererId::A).count()
+}
+
+#[test]
+fn a_scene_whose_file_is_replaced_is_loaded_again_and_stays_with_an_error_while_the_file_is_broken() {
+    let mut script = Script::open(&Config::default());
+    script.settle();
+    let path = script.path("first.ply");
+    let home = script.viewer().world_camera();
+    assert!(script.viewer().navigate(&drag()));
+    let camera = script.viewer().world_camera();
+    let set = |indices: &[u32]| SplatSet::from_iter(indices.iter().copied()).into();
+    script.viewer().set_marks(RendererId::A, Marks { selected: set(&[3]), ..Marks::default() });
+    script.settle();
+
+    // The same splats elsewhere, as in the next frame of a moving scene.
+    let scene = synth::generate("uniform", 100, 0).expect("generated");
+    let moved = Similarity { scale: 1.25, translation: [0.5, 0.0, 0.0].into(), ..Similarity::IDENTITY };
+    scene.transformed(&moved).expect("moved").write_ply(&path).expect("written");
+    assert_eq!(loaded(&mut script), 100);
+    assert_eq!(script.viewer().marks(RendererId::A).selected, set(&[3]), "the same splats stay selected");
+    assert_eq!(script.viewer().world_camera(), camera);
+    script.settle();
+
+    let other = synth::generate("uniform", 100, 1).expect("generated");
+    other.write_ply(&path).expect("written");
+    loaded(&mut script);
+    assert!(script.viewer().marks(RendererId::A).is_empty());
+    let text = "first.ply changed: none of its splats is selected any more";
+    let tells = |event: &Event| matches!(event, Event::Problem { text: told } if told.ends_with(text));
+    assert!(script.has_event(tells), "{:#?}", script.events);
+    let identity = script.viewer().loaded(RendererId::A).identity();
+    assert_eq!(identity, Scene::load(&path, QUIET).expect("loaded").identity());
+
+    let bytes = fs::read(script.path("second.ply")).expect("read");
+    fs::write(&path, &bytes[..bytes.len() / 2]).expect("written");
+    script.until("the half", |script| script.viewer().scene_error(RendererId::A).is_some());
+    let error = script.viewer().scene_error(RendererId::A).expect("an error").to_owned();
+    assert!(error.contains("first.ply") && error.contains("truncated") && !error.contains("-->"), "{error}");
+    assert_eq!(script.viewer().loaded(RendererId::A).identity(), identity, "the last scene stays");
+    fs::write(&path, &bytes).expect("written");
+    assert_eq!(loaded(&mut script), 200);
+    assert_eq!(script.viewer().scene_error(RendererId::A), None);
+    fs::remove_file(&path).expect("removed");
+    script.until("the missing file", |script| script.viewer().scene_error(RendererId::A).is_some());
+    fs::write(&path, &bytes).expect("written");
+    loaded(&mut script);
+    assert_eq!(script.viewer().world_camera(), camera);
+
+    assert!(script.viewer().navigate(&Input { home: true, moved: [0.0; 2], ..drag() }));
+    let after = script.viewer().world_camera();
+    assert_eq!((after.position, after.rotation), (home.position, home.rotation), "Home is the first view");
+    script.close(&[]);
+}
+
+#[test]
+fn the_files_that_a_list_names_are_followed_also_those_that_are_missing_or_half_written() {
+    let list = "Scenes([\n  Scene(file: \"first.ply\"),\n  Scene(file: \"third.ply\"),\n])";
+    let (mut script, _) = opened(list);
+    let error = |script: &mut Script| script.viewer().scene_error(RendererId::A).map(str::to_owned);
+    script.until("the missing file", |script| error(script).is_some());
+    let text = error(&mut script).expect("an error");
+    assert!(text.contains("third.ply") && text.ends_with("both.ron:3:9"), "{text}");
+    let bytes = fs::read(script.path("second.ply")).expect("read");
+    let third = script.path("third.ply");
+    fs::write(&third, &bytes[..bytes.len() - 9]).expect("written");
+    script.until("the half", |script| error(script).is_some_and(|text| text.contains("truncated")));
+    fs::write(&third, &bytes).expect("written");
+    assert_eq!(loaded(&mut script), 300);
+    assert_eq!(error(&mut script), None);
+
+    let mut damaged = bytes.clone();
+    damaged[header(&bytes)..][..4].copy_from_slice(&f32::NAN.to_le_bytes());
+    fs::write(&third, &damaged).expect("written");
+    assert_eq!(loaded(&mut script), 299);
+    let notes = |event: &Event| matches!(event, Event::SceneNotes { path, notes } if path.ends_with("both.ron") && notes[0].starts_with("1 splat dropped"));
+    assert!(script.has_event(notes), "{:#?}", script.events);
+    script.close(&[]);
+}
+
+/// Returns the length of a PLY file's header, in bytes.
+fn header(ply: &[u8]) -> usize {
+    let end = b"end_header\n";
+    ply.windows(end.len()).position(|window| window == end).expect("a header") + end.len()
 }
