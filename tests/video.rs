@@ -219,6 +219,10 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
     place.done("video scene.ply --orbit=1 --size=32x18 -o turn.v2/");
     assert!(place.at("turn.v2/00000.png").exists(), "a slash makes a name with a dot a folder's");
 
+    let output = place.run("video scene.ply scene.ply --orbit=1 --size=32x18 -o both/");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(text.contains("2 scenes are in each picture; docs/video.md"), "{text}");
+
     let no_encoder = "found .mp4; other formats need an encoder: `-o - | ffmpeg -i - film.mp4`, or a program built with `--features av1`";
     place.refuses(
         LINE,
@@ -229,6 +233,7 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
             ("rgba=film.apng", 2, "expected a film, found the output `rgba`"),
             ("film.gif --orbit=4", 2, "cannot be used with"),
             ("cameras.json/x.gif", 2, "which cannot be written: Not a directory"),
+            ("my;film.mp4", 2, "`-o - | ffmpeg -i - 'my;film.mp4'`"),
             ("scene.ply", 2, "found .ply; other formats need an encoder: `-o - | ffmpeg -i - FILM`"),
         ],
     );

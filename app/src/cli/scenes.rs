@@ -48,6 +48,15 @@ impl ScenesArgs {
         self.more.iter().try_for_each(|path| Ok(guard.scene("a further scene", path)?))
     }
 
+    /// Tells that every frame of a film shows all scenes, if there are several: a film of one scene per frame is made by
+    /// other commands.
+    pub fn note_superimposed(&self) -> Option<String> {
+        let count = self.more.len() + 1;
+        let text =
+            "scenes are in each picture; docs/video.md has the commands for a film of one scene per frame";
+        (count > 1).then(|| format!("{count} {text}"))
+    }
+
     /// Returns the load options of one scene. If any scene has levels, `--level` applies only to scenes with levels.
     fn options_of(&self, path: Option<&Path>) -> LoadOptions {
         let has_levels = |path: Option<&Path>| path.is_some_and(SceneHeader::has_levels);

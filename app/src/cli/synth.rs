@@ -7,7 +7,7 @@ use super::{look_at, options};
 use crate::draw::orbit::Orbit;
 use crate::draw::truth::Truth;
 use crate::io::load::LoadOptions;
-use crate::io::output::{self, OutputGuard, is_standard_output, note};
+use crate::io::output::{self, OutputGuard, is_standard_output, note, shell_word};
 use crate::io::{own_file, scene_file};
 use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, Dataset, grouped, synth};
@@ -237,7 +237,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     stdout.line(&format!("{}: {splats}, {} bytes", output.display(), grouped(bytes)))?;
     if args.cameras.is_none() && views.is_some() && !is_standard_output(output) {
         let path = output.with_extension("cameras.json");
-        note(format!("its cameras, which other commands find beside it: add --cameras {}", path.display()));
+        let path = shell_word(&path.to_string_lossy());
+        note(format!("its cameras, which other commands find beside it: add --cameras {path}"));
     }
     if let (Some(path), Some(views)) = (&args.cameras, views) {
         options::write_cameras(path, &views, &scene)?;

@@ -11,14 +11,16 @@ use crate::cli::outcome::{self, Usage};
 use crate::cli::scenes::ScenesArgs;
 use crate::cli::stdout::Stdout;
 use crate::draw::backend::Api;
+use crate::draw::builtin;
 use crate::draw::outputs::{NAMES, RGBA, check_format};
 use crate::draw::truth::rule_list;
 use crate::io::image::Format;
 use crate::io::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
-use crate::io::output::{OutputGuard, is_standard_output};
+use crate::io::output::{OutputGuard, is_standard_output, shell_word};
 use anyhow::Result;
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use splatgraph_assets::{Camera, Projection};
+use splatgraph_framework::lower::no_output;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -347,6 +349,22 @@ impl Args {
         let Some(format) = self.format else { return Ok(()) };
         let mut in_folders = self.named().filter(|(_, file)| names::ends_in_separator(file));
         in_folders.try_for_each(|(name, _)| check_format(name, format)).map_err(Usage)
+    }
+
+    /// Replaces the error that a graph lacks an output, if the name may be part of a picture's path, such as
+    /// `take=2/out.png`.
+    pub(super) fn or_picture(&self, error: anyhow::Error) -> anyhow::Error {
+        let text = error.to_string();
+        let is_path =
+            |(name, _): &(&str, &Path)| text.contains(&no_output(name)) && builtin::giving(name).is_empty();
+        let Some((name, file)) = self.named().find(is_path) else { return error };
+        let names: Vec<&str> = NAMES.iter().chain([&RGBA]).map(|(name, _)| *name).collect();
+        let (names, picture) = (names.join(", "), shell_word(&format!("./{name}={}", file.display())));
+        Usage(format!(
+            "expected an output of the graph before `=`, such as {names}, found `{name}`; for a picture with that name, \
+             write {picture}"
+        ))
+        .into()
     }
 
     /// Returns the path of the picture; `None` without an `--output` for it. Fails if several are given.

@@ -170,7 +170,7 @@ impl Drawer {
     pub fn prepared(&mut self, args: &Args) -> Result<Option<&Session>> {
         let With::Device { session, guard, .. } = &mut self.with else { return Ok(None) };
         if let Some(camera) = self.loaded.cameras.first() {
-            frames::prepare_plan(session, camera)?;
+            frames::prepare_plan(session, camera).map_err(|error| args.or_picture(error.into()))?;
             check_plan(args, session, guard, camera)?;
         }
         Ok(Some(session))

@@ -29,6 +29,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let mut drawer = Drawer::open(args, &work, None)?;
     let drawn = drawer.draw(args, &(0..work.stems.len()).collect::<Vec<_>>());
+    let drawn = drawn.map_err(|error| args.or_picture(error));
     let loaded = drawer.loaded();
     let cameras = match (&args.write_cameras, &drawn) {
         (Some(path), Ok(())) => options::write_cameras(path, &loaded.cameras, &loaded.scene),

@@ -18,7 +18,7 @@ use crate::draw::projection;
 use crate::draw::session::Session;
 use crate::io::film::{Format, Rate};
 use crate::io::image;
-use crate::io::output::{self, OutputGuard, is_standard_output, names, say};
+use crate::io::output::{self, OutputGuard, is_standard_output, names, say, shell_word};
 use crate::io::program;
 use crate::io::progress::Progress;
 use crate::io::report::text;
@@ -202,7 +202,7 @@ fn destination(args: &Args) -> Result<Destination, Usage> {
                 false => "",
             };
             // Do not suggest a command that overwrites an existing file, which may be the scene.
-            let film = if path.exists() { "FILM".into() } else { path.display().to_string() };
+            let film = if path.exists() { "FILM".into() } else { shell_word(&path.to_string_lossy()) };
             Err(Usage(format!(
                 "expected a folder, or a name that ends in .gif, .apng, .png or .y4m, found .{}; other formats need an encoder: `-o - | ffmpeg -i - {film}`{feature}",
                 extension.display()
@@ -288,6 +288,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Ok(device)
     };
     let (device, (scene, own)) = loading::open_and_load(open, |cancel| args.scenes.load(cancel))?;
+    args.scenes.note_superimposed().iter().for_each(say);
     let graph = args.projection(keys.as_deref().unwrap_or_default());
     // Encoders subsample the colours of a Y4M by two.
     let even = matches!(destination, Destination::File(_, Format::Y4m));
