@@ -143,7 +143,8 @@ impl LookAtArgs {
         let up = self.up.unwrap_or(scene.up());
         let framed = if turns { Camera::framing_around } else { Camera::framing_upright };
         let fov = self.fov.map(|fov| match projection {
-            // Equal angles of a fisheye take fewer pixels than those of a pinhole, the more so the farther out.
+            // With the same wide field of view, a fisheye shows the middle larger than a pinhole, which could cut the
+            // scene off above and below. The distance for the default field of view suits both.
             Projection::Fisheye => fov.min(default_fov(size)),
             _ => fov.min(MAX_FLAT_FOV),
         });

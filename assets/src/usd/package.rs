@@ -4,8 +4,9 @@ use super::layer::Bytes;
 use crate::error::{SceneError, wrong};
 use crate::input::{self, Source};
 use crate::sog::MAGIC;
-use std::io;
+use std::io::{self, Read};
 use zip::CompressionMethod;
+use zip::read::ZipFile;
 
 /// Returns true if the bytes begin a ZIP archive whose first file is a layer.
 pub(crate) fn begins_as_package(head: &[u8]) -> bool {
@@ -15,12 +16,20 @@ pub(crate) fn begins_as_package(head: &[u8]) -> bool {
     head.starts_with(MAGIC) && is_layer
 }
 
-/// Checks the checksum of the layer in an archive. Does nothing for other files.
+/// Returns true if a file of an archive is neither compressed nor encrypted.
+fn is_plain(file: &ZipFile<impl Read>) -> bool {
+    file.compression() == CompressionMethod::Stored && !file.encrypted()
+}
+
+/// Checks the checksum of the layer in an archive. Does nothing for other files, and for layers that [`layer`] refuses.
 pub(super) fn check(source: &Source) -> Result<(), SceneError> {
     if source.head(MAGIC.len())? != MAGIC {
         return Ok(());
     }
     let mut zip = input::archive(source)?;
+    if !zip.by_index_raw(0).is_ok_and(|file| is_plain(&file)) {
+        return Ok(());
+    }
     // The reader compares the checksum at the end of the file.
     let read =
         zip.by_index(0).map_err(io::Error::from).and_then(|mut file| io::copy(&mut file, &mut io::sink()));
@@ -37,7 +46,7 @@ pub(super) fn layer<'a>(source: &'a Source<'a>) -> Result<(Bytes<'a>, Option<Str
         .by_index_raw(0)
         .map_err(|error| wrong("zip", format!("expected a readable file of the archive, found: {error}")))?;
     let name: String = String::from_utf8_lossy(file.name_raw()).chars().take(60).collect();
-    if file.compression() != CompressionMethod::Stored || file.encrypted() {
+    if !is_plain(&file) {
         return Err(wrong(name, "expected an uncompressed file, as the format requires, found another"));
     }
     let (start, length) = (file.data_start(), file.size());

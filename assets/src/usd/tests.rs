@@ -43,6 +43,11 @@ fn layers_of_openusd_have_the_places_that_it_computes() {
     let middle = damaged.len() / 2;
     damaged[middle] ^= 4;
     says(read(&damaged).unwrap_err().to_string(), "expected an intact layer, found damage: ");
+    // The method of compression in the header of the file, and in the directory.
+    let mut compressed = file("usdz");
+    let directory = compressed.windows(4).position(|bytes| bytes == b"PK\x01\x02").unwrap();
+    (compressed[8], compressed[directory + 10]) = (8, 8);
+    says(read(&compressed).unwrap_err().to_string(), "expected an uncompressed file");
     let [text, binary, package] = ["usda", "usdc", "usdz"].map(|end| read(&file(end)).unwrap());
     assert_eq!((text.identity(), binary.identity()), (binary.identity(), package.identity()));
 }

@@ -127,8 +127,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let output = check_files(args)?;
     let loaded = loading::load_scene(&args.input, &args.load)?;
     let (merged, originals) = args.edit.merged(loaded, &args.load)?;
-    let paths = || [&args.input].into_iter().chain(&args.edit.merge).map(|path| path.display().to_string());
-    let names: Vec<String> = paths().collect();
+    let paths = [&args.input].into_iter().chain(&args.edit.merge);
+    let names: Vec<String> = paths.map(|path| path.display().to_string()).collect();
     let originals: Vec<(&str, &Original)> = names.iter().map(String::as_str).zip(&originals).collect();
     let original_bytes: u64 = originals.iter().map(|(_, original)| original.file_bytes).sum();
     let (original_splats, dropped) = (merged.count(), serde_json::to_value(merged.dropped())?);
