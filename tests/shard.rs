@@ -194,6 +194,11 @@ fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
         let commands = part["command"].as_str().and_then(|command| command.split_once('\n'));
         let (shard, merge) = commands.expect("two commands");
         assert!(shard.ends_with("--shard 1/2") && merge.ends_with("merge of-1 -o part"), "{part}");
+        let manifest = place.text("of-1/job.json");
+        place.write("of-1/job.json", manifest.replace("\"request\": {", "\"request\": {}, \"former\": {"));
+        let told = run(&place, "merge of-1 -o old", &[], 1);
+        assert!(told.contains("expected results of this version of the program"), "{told}");
+        place.write("of-1/job.json", manifest);
         let page = place.text(&format!("part/{}", file.replace(".json", ".html")));
         assert!(page.contains("1 of 3 views (missing: <code>one</code>, <code>three</code>)"), "{page}");
         run(&place, "merge of-1 of-0 -o many", &[], 0);

@@ -18,7 +18,7 @@ use crate::io::report::text;
 use crate::io::{own_file, program};
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
-use serde::de::IgnoredAny;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json, json};
 use splatgraph_assets::Scene;
@@ -77,6 +77,16 @@ const TAGS: &str = "tags";
 /// Entry of an [`Origin`] with the words of the command line that merged documents repeat, such as the scene's path. It
 /// is not compared: equal files have different paths on different machines.
 pub const REQUEST: &str = "request";
+
+/// Reads the [`REQUEST`] of a description.
+///
+/// # Errors
+/// An earlier version of the program wrote the description, with other fields.
+pub fn request<T: DeserializeOwned>(origin: &Origin) -> Result<T> {
+    serde_json::from_value(origin.get(REQUEST).cloned().unwrap_or_default()).context(
+        "expected results of this version of the program, found those of an earlier one: run all shards again in another folder",
+    )
+}
 
 pub struct Outputs {
     pub command: &'static str,

@@ -202,8 +202,7 @@ pub const COMMAND: &str = "sweep";
 /// Writes the report of the views that several processes measured. Each picture is in one of `folders`. Without the
 /// first view, the report has no pictures.
 pub fn merge(origin: &Origin, parts: Vec<Part>, folders: &[PathBuf], output: &Path) -> Result<()> {
-    let empty: SweepResult =
-        serde_json::from_value(origin.get(job::REQUEST).cloned().context("the origin of a sweep")?)?;
+    let empty: SweepResult = job::request(origin)?;
     let first = parts.first().and_then(|part| part.steps.first()).map(|step| step.camera.clone());
     let shown_steps = parts.first().map(|part| part.steps.clone()).unwrap_or_default();
     let closer = parts.iter().flat_map(|part| part.closer.clone()).collect();

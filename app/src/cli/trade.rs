@@ -242,9 +242,8 @@ struct Request {
 /// Writes the ledger of the views that several processes measured. `found` lists the views' result files.
 pub fn merge(origin: &job::Origin, parts: Vec<Vec<Row>>, found: &[PathBuf], output: &Path) -> Result<()> {
     let mut origin = origin.clone();
-    let request = origin.remove(job::REQUEST).context("the request of a ledger")?;
-    let Request { names, command, same_plan } =
-        serde_json::from_value(request).context("the request of a ledger")?;
+    let Request { names, command, same_plan } = job::request(&origin)?;
+    origin.remove(job::REQUEST);
     origin.extend(names);
     let origin = serde_json::from_value(origin.into()).context("the origin of a ledger")?;
     let of_camera: HashMap<String, &PathBuf> = parts
