@@ -146,8 +146,10 @@ fn unread(breakdown: &SizeBreakdown) -> Option<String> {
         if !unused.is_empty() && unused.len() == element.fields.len() {
             names.push(format!("element {}", element.name));
         } else {
-            let is_listed =
-                |name: &&str| !["nx", "ny", "nz", "COLOR_0"].contains(name) && !name.starts_with("f_rest_");
+            let is_listed = |name: &&str| {
+                let is_harmonic = name.starts_with("f_rest_") || name.starts_with("SH_DEGREE_");
+                !is_harmonic && !["nx", "ny", "nz", "COLOR_0"].contains(name)
+            };
             let others = unused.into_iter().filter(is_listed);
             names.extend(others.map(str::to_owned));
         }

@@ -1,10 +1,11 @@
 //! Reads the values of accessors as floats.
 
 use super::container::Container;
-use super::document::{Accessor, item};
+use super::document::{Accessor, SPLATTING, item};
 use crate::error::{SceneError, wrong};
 use crate::input::Table;
 use crate::scalar::Scalar;
+use crate::size_breakdown::FieldSize;
 
 /// The type of an accessor's numbers.
 #[derive(Clone, Copy)]
@@ -81,5 +82,11 @@ impl<'a> Column<'a> {
         }
         let (start, stride, width) = (start + byte_offset, stride as usize, size as usize);
         Ok(Self { table: Table { source, start, stride, width }, component, count })
+    }
+
+    /// Measures the values of the attribute `name`, which loses the extension's prefix.
+    pub(super) fn size(&self, name: &str) -> FieldSize {
+        let name = name.trim_start_matches(SPLATTING).trim_start_matches(':');
+        FieldSize::column(name, self.component.scalar.name(), self.table.width as u64, self.count)
     }
 }

@@ -88,10 +88,7 @@ fn primitive(
         transform.apply(&mut splat);
         out.push(&splat, norm);
     })?;
-    let fields = columns.iter().zip(&names).map(|(column, name)| {
-        let name = name.trim_start_matches(SPLATTING).trim_start_matches(':');
-        FieldSize::column(name, column.component.scalar.name(), column.table.width as u64, count)
-    });
+    let fields = columns.iter().zip(&names).map(|(column, name)| column.size(name));
     let is_other = |(name, _): &(&String, &usize)| !names.contains(name);
     let others = splats.primitive.attributes.iter().filter(is_other);
     let others = others.filter_map(|(name, index)| unread(container, name, *index));
@@ -104,8 +101,7 @@ fn primitive(
 /// Measures an attribute that is not read; `None` for one that only other programs understand.
 fn unread(container: &Container, name: &str, index: usize) -> Option<FieldSize> {
     let column = (1..=4).find_map(|width| Column::open(container, name, index, width).ok())?;
-    let kind = column.component.scalar.name();
-    Some(FieldSize { used: false, ..FieldSize::column(name, kind, column.table.width as u64, column.count) })
+    Some(FieldSize { used: false, ..column.size(name) })
 }
 
 /// Converts the row of each column to a splat; also returns the length of its quaternion.
