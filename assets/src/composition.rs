@@ -100,6 +100,7 @@ pub(crate) fn parse(text: &str, folder: &Path) -> Result<Vec<Placed>, SceneError
 /// Returns the line and column of each occurrence of a word in a text, from 1, except in comments and strings.
 fn places_of(text: &str, word: &str) -> Vec<(usize, usize)> {
     let mut places = Vec::new();
+    let (mut line, mut column) = (1, 1);
     let mut rest = text;
     while let Some(first) = rest.chars().next() {
         let in_word = |c: char| c.is_alphanumeric() || c == '_';
@@ -119,12 +120,18 @@ fn places_of(text: &str, word: &str) -> Vec<(usize, usize)> {
             _ if in_word(first) => rest.find(|c| !in_word(c)).unwrap_or(rest.len()),
             _ => first.len_utf8(),
         };
-        if &rest[..length] == word {
-            let before = &text[..text.len() - rest.len()];
-            let line = before.rsplit('\n').next().unwrap_or(before);
-            places.push((before.matches('\n').count() + 1, line.chars().count() + 1));
+        let token;
+        (token, rest) = rest.split_at(length);
+        if token == word {
+            places.push((line, column));
         }
-        rest = &rest[length..];
+        match token.rsplit_once('\n') {
+            Some((before, last)) => {
+                line += before.matches('\n').count() + 1;
+                column = last.chars().count() + 1;
+            }
+            None => column += token.chars().count(),
+        }
     }
     places
 }
