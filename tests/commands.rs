@@ -413,6 +413,9 @@ fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reaso
         "{stats}"
     );
     assert!(reason["values"]["device.subgroup_size"].is_number(), "{stats}");
+    let (_, errors) = place.said("dump auto --device webgpu-subgroups");
+    let warning = "warning: auto does not run on webgpu-subgroups: expected at most 8 storage buffers in a shader, found: ";
+    assert_eq!(errors.matches(warning).count(), 1, "{errors}");
     let text = place.done("dump auto");
     assert!(text.contains("\nbased on tiled\n"), "{text}");
     assert!(

@@ -14,7 +14,7 @@ use serde::Serialize;
 use splatgraph_api::{Device, DeviceInfo, Heap};
 use splatgraph_assets::memory::display;
 use splatgraph_assets::{SceneHeader, grouped};
-use splatgraph_framework::ir::{Catalog, DeviceFacts, Shape, Source, Usage};
+use splatgraph_framework::ir::{Catalog, DeviceFacts, ReflectedKind, Shader, Shape, Source, Usage};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -81,6 +81,34 @@ impl Target {
     pub fn now(device: &impl Device, limit: Option<u64>) -> Target {
         Target { heap: device.heap(), ..Target::of(device.info()) }.limited(limit)
     }
+
+    /// Describes the shaders of a plan that bind more storage buffers than the device allows, or else those that bind
+    /// more storage images. `None` if there are none.
+    pub fn exceeded(&self, plan: &Plan) -> Option<String> {
+        let is_image = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageImage { .. });
+        let is_buffer = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageBuffer { .. });
+        exceeded_of(plan, self.storage_buffers, "storage buffers", is_buffer)
+            .or_else(|| exceeded_of(plan, self.storage_images, "storage images", is_image))
+    }
+}
+
+/// Describes the shaders that bind more than `most` resources of a kind; `None` if there are none, or `most` is
+/// unknown.
+fn exceeded_of(
+    plan: &Plan,
+    most: Option<usize>,
+    what: &str,
+    is_kind: impl Fn(&ReflectedKind) -> bool,
+) -> Option<String> {
+    let most = most?;
+    let bound = |shader: &Shader| -> usize {
+        let bindings = shader.reflection.bindings.iter().filter(|binding| is_kind(&binding.kind));
+        bindings.map(|binding| binding.count as usize).sum()
+    };
+    let found = plan.shaders.iter().filter(|shader| bound(shader) > most);
+    let found: Vec<String> = found.map(|shader| format!("{} binds {}", shader.name, bound(shader))).collect();
+    (!found.is_empty())
+        .then(|| format!("expected at most {most} {what} in a shader, found: {}", found.join(", ")))
 }
 
 /// Memory that a graph needs for a scene, compared with the limits of a device.

@@ -12,7 +12,7 @@ use crate::lsp;
 use anyhow::Result;
 use serde_json::{Value, json};
 use splatgraph_framework::dump;
-use splatgraph_framework::ir::{Catalog, Fallback, ReflectedKind, Shader, Unmet};
+use splatgraph_framework::ir::{Catalog, Fallback, Unmet};
 use splatgraph_framework::lower::{self, Standing};
 use splatgraph_framework::oracle;
 use splatgraph_framework::plan::Plan;
@@ -150,34 +150,6 @@ fn smallest(lanes: u32) -> Target {
     Target::new(&lanes.to_string(), facts::portable_device(lanes))
 }
 
-/// Describes the shaders that bind more storage buffers than the device allows, or else those that bind more storage
-/// images. `None` if there are none.
-fn exceeded(device: &Target, plan: &Plan) -> Option<String> {
-    let is_image = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageImage { .. });
-    let is_buffer = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageBuffer { .. });
-    exceeded_of(plan, device.storage_buffers, "storage buffers", is_buffer)
-        .or_else(|| exceeded_of(plan, device.storage_images, "storage images", is_image))
-}
-
-/// Describes the shaders that bind more than `most` resources of a kind; `None` if there are none, or `most` is
-/// unknown.
-fn exceeded_of(
-    plan: &Plan,
-    most: Option<usize>,
-    what: &str,
-    is_kind: impl Fn(&ReflectedKind) -> bool,
-) -> Option<String> {
-    let most = most?;
-    let bound = |shader: &Shader| -> usize {
-        let bindings = shader.reflection.bindings.iter().filter(|binding| is_kind(&binding.kind));
-        bindings.map(|binding| binding.count as usize).sum()
-    };
-    let found = plan.shaders.iter().filter(|shader| bound(shader) > most);
-    let found: Vec<String> = found.map(|shader| format!("{} binds {}", shader.name, bound(shader))).collect();
-    (!found.is_empty())
-        .then(|| format!("expected at most {most} {what} in a shader, found: {}", found.join(", ")))
-}
-
 fn as_json(
     graph: &str,
     device: Option<&str>,
@@ -272,7 +244,7 @@ fn check(
         }
         drawn.push(index);
         let plan = planner.plan(graph, set, &facts, &catalog)?;
-        if let Some(line) = exceeded(device, &plan) {
+        if let Some(line) = device.exceeded(&plan) {
             return Ok(Verdict::Lacking(line));
         }
         let line = match checked.plan(planner, plan, &device.name, warn) {

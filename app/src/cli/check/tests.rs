@@ -29,6 +29,10 @@ fn what_a_named_device_lacks_is_an_error_that_names_the_need() {
         line.contains("device.subgroup_") && line.ends_with("= false), and there is no fallback"),
         "{line}"
     );
+    let line = lacking(on("auto", "webgpu"));
+    let (skipped, unmet) = line.split_once("; `splat` needs ").expect("both");
+    assert!(skipped.contains("`splat` is used instead of `tiled_cpu`, which needs"), "{line}");
+    assert_eq!(unmet, "sums over subgroups (device.subgroup_arithmetic = false), and there is no fallback");
     let line = lacking(on("splat", "webgpu-subgroups"));
     assert!(
         line.starts_with("expected at most 8 storage buffers in a shader, found: project.comp binds "),
@@ -61,7 +65,7 @@ fn a_scene_too_large_for_the_smallest_device_is_answered_with_one_that_fits() {
     let planner = &mut Planner::default();
     let errors = checked(planner, "unsorted", 5_000_000).expect_err("the splats exceed a storage buffer");
     assert!(
-        errors.to_string().contains("`splats` has 153 MiB, and the device binds at most 128"),
+        errors.to_string().contains("`splats` has 152.6 MiB, and the device binds at most 128.0 MiB"),
         "{errors}"
     );
     let fit =

@@ -169,6 +169,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut dump_of = |graph: &str, set: &[(String, String)]| -> Result<Dump> {
         let plan = planner.plan(graph, set, &facts, &catalog);
         let plan = plan.map_err(|errors| errors.with_device(&note))?;
+        if let Some(why) = device.exceeded(&plan) {
+            say(format!("warning: {graph} does not run on {}: {why}", device.name));
+        }
         let dump = backend::dump(&plan);
         Ok(if args.backend == Api::Metal { backend::add_metal_encoders(dump, &plan) } else { dump })
     };
