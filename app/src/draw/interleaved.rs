@@ -78,8 +78,8 @@ fn phases<'a>(plan: &'a Plan, passes: &[PassId]) -> Vec<&'a str> {
     names.into_iter().collect()
 }
 
-/// Computes the time of each phase of `passes`, in order of execution. `profiled` are frames with timestamps of passes; a
-/// figure is `None` without timestamps.
+/// Computes the time of each phase of `passes`, in order of execution. `profiled` are frames with timestamps of passes;
+/// a figure is `None` without timestamps.
 pub fn phase_figures<'a>(
     plan: &'a Plan,
     passes: &[PassId],

@@ -27,7 +27,8 @@ impl Pictures {
     /// Lists the pictures of a folder or an archive; any other path is a single picture.
     ///
     /// # Errors
-    /// There is no such file, the folder or the archive cannot be read, or two pictures have the same name without extension.
+    /// There is no such file, the folder or the archive cannot be read, or two pictures have the same name without
+    /// extension.
     pub fn of(path: &Path) -> Result<Pictures> {
         if split_member(path).is_some() {
             return Ok(Pictures::One(path.to_owned()));

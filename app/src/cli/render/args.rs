@@ -344,7 +344,7 @@ impl Args {
         })
     }
 
-    /// Checks that the outputs in folders can have the format of `--format`, for a command without pictures in a folder.
+    /// Checks that outputs in folders can have the format of `--format`, for a command that writes no picture.
     fn check_folder_formats(&self) -> Result<(), Usage> {
         let Some(format) = self.format else { return Ok(()) };
         let mut in_folders = self.named().filter(|(_, file)| names::ends_in_separator(file));

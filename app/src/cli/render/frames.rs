@@ -67,8 +67,8 @@ pub fn draw(
     // Their number varies from run to run, so there are none if the picture depends on the number of frames.
     let begun = Instant::now();
     let mut warm = args.repeat == 1 || is_animated(&plan);
-    // Timestamps of passes take time, so the measured frames have none: passes are timed in the warm-up. Without one, the
-    // first frame and the last few have them. A timeline shows the passes of all frames.
+    // Timestamps of passes take time, so the measured frames have none: passes are timed in the warm-up. Without one,
+    // the first frame and the last few have them. A timeline shows the passes of all frames.
     let may_omit = args.timeline.is_none();
     let profiled = if warm { interleaved::PROFILED.min(args.repeat / 2) } else { 0 };
     let (mut counted, mut first) = (0, true);

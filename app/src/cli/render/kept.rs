@@ -31,9 +31,10 @@ impl Kept {
             self.done.push(Instant::now());
             return;
         }
-        result = FrameResult { total_ms: None, stats: Vec::new(), ..result };
-        let (once, each) = result.pass_ms.iter().partition(|(pass, _)| plan.pass(*pass).run == Run::Once);
-        if !Vec::is_empty(&once) {
+        result = FrameResult { total_ms: None, stats: Vec::new(), inspected: Vec::new(), ..result };
+        let (once, each): (Vec<_>, Vec<_>) =
+            result.pass_ms.iter().partition(|(pass, _)| plan.pass(*pass).run == Run::Once);
+        if !once.is_empty() {
             self.once = Some(FrameResult { pass_ms: once, ..result.clone() });
         }
         if self.profiled.len() == PROFILED as usize {

@@ -63,9 +63,9 @@ pub struct Planned {
 /// Leaves out the settings that draw the same pictures as another, and reports each with the reason.
 ///
 /// A setting is left out if its parameter has no effect in the plan of `exact`, or if its plans for all cameras equal
-/// an earlier setting's. Presets come after the graphs and presets that they are based on, whose names are kept if plans
-/// are equal. `exact` is a prepared session of the first setting. Settings rejected by `wanted` are
-/// dropped without a report. On a GPU, one plan of each setting is compiled ahead, on other threads.
+/// an earlier setting's. Presets come after the graphs and presets that they are based on, whose names are kept if
+/// plans are equal. `exact` is a prepared session of the first setting. Settings rejected by `wanted` are dropped
+/// without a report. On a GPU, one plan of each setting is compiled ahead, on other threads.
 ///
 /// # Errors
 /// The exact settings are not prepared, or the listener cancels.

@@ -103,8 +103,8 @@ pub fn blending(time: &Time) -> Option<f64> {
 
 /// Fits a line to the times of the phase that blends, by least squares.
 ///
-/// `None` with fewer than three timed steps, if times do not grow with fragments because noise hides the cost, or if the
-/// phases cover less than half of a frame, as on a CPU whose timestamps are unreliable.
+/// `None` with fewer than three timed steps, if times do not grow with fragments because noise hides the cost, or if
+/// the phases cover less than half of a frame, as on a CPU whose timestamps are unreliable.
 pub fn fit(steps: &[Closer]) -> Option<Fit> {
     let timed = || steps.iter().filter_map(|step| Some((step, step.time.as_ref()?)));
     if timed().any(|(_, time)| time.phases.values().sum::<f64>() < 0.5 * time.gpu_ms) {

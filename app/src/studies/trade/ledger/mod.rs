@@ -90,8 +90,8 @@ impl Origin {
 /// The rows of a run, with their origin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ledger {
-    /// The command that wrote the file last; empty while it measures. If it was `merge`, the line before has the command
-    /// of a shard.
+    /// The command that wrote the file last; empty while it measures. If it was `merge`, the line before has the
+    /// command of a shard.
     #[serde(default)]
     pub command: String,
     /// The inputs on which the numbers depend.
@@ -122,7 +122,7 @@ pub struct Book {
 }
 
 /// Checks that [`Book::save`] may replace a file: a ledger of any version of the program, an empty file, or no file.
-/// Returns the settings that have rows in the ledger.
+/// Returns the settings that have rows in the ledger, or equal plans to one that has.
 ///
 /// # Errors
 /// The path is not a regular file, or the file cannot be read or has other contents.
@@ -141,7 +141,9 @@ pub fn replaceable(path: &Path) -> Result<BTreeSet<String>, StudyError> {
         let json: Json = serde_json::from_reader(file).unwrap_or_default();
         let setting = |row: &Json| row["setting"].as_str().map(str::to_owned);
         let rows = json["rows"].as_array().filter(|_| json["origin"].is_object());
-        Ok(rows.map(|rows| rows.iter().filter_map(setting).collect()))
+        let same = json["same_plan"].as_object().into_iter().flat_map(|same| same.values());
+        let same = same.filter_map(Json::as_array).flatten().filter_map(Json::as_str).map(str::to_owned);
+        Ok(rows.map(|rows| rows.iter().filter_map(setting).chain(same).collect()))
     };
     match settings() {
         Ok(Some(settings)) => return Ok(settings),
@@ -158,9 +160,9 @@ pub fn replaceable(path: &Path) -> Result<BTreeSet<String>, StudyError> {
 impl Book {
     /// Opens the ledger in a file, with the rows of plans that have not changed, and locks the file's folder.
     ///
-    /// `plans` are the settings, each with the hash of its plans; without any, all rows are kept. Also returns why rows
-    /// of the file are dropped, `None` if none are. Without a path, nothing is saved. A ledger of another program or
-    /// device is set aside.
+    /// `plans` are the settings, each with the hash of its plans; without any, all rows and [`Ledger::same_plan`] are
+    /// kept. Also returns why rows of the file are dropped, `None` if none are. Without a path, nothing is saved. A
+    /// ledger of another program or device is set aside.
     ///
     /// # Errors
     /// The file has rows of other inputs, or another process measures in the folder: rows would be lost. Or the folder
@@ -207,7 +209,8 @@ impl Book {
             |row: &Row| plans.iter().any(|(name, plan)| row.setting == *name && row.plan == plan.map(hex));
         let all = rows.len();
         rows.retain(|row| plans.is_empty() || is_current(row));
-        same_plan.retain(|setting, _| rows.iter().any(|row| row.setting == *setting));
+        // With plans, the caller knows which are equal now.
+        same_plan.retain(|setting, _| plans.is_empty() && rows.iter().any(|row| row.setting == *setting));
         if rows.len() < all {
             let count = all - rows.len();
             lost = Some(format!(
@@ -261,8 +264,8 @@ fn set_aside(path: Option<&Path>, bytes: &[u8]) -> Result<PathBuf, output::Outpu
     Ok(copy)
 }
 
-/// Reads the rows of a ledger, and which settings have equal plans. The error lists what differs from `origin`; a ledger
-/// without rows fits any origin.
+/// Reads the rows of a ledger, and which settings have equal plans. The error lists what differs from `origin`; a
+/// ledger without rows fits any origin.
 fn rows_of(bytes: &[u8], origin: &Origin) -> Result<(Vec<Row>, SamePlan), Vec<&'static str>> {
     // Another version of the program wrote other fields.
     let found: Ledger = serde_json::from_slice(bytes).map_err(|_| vec!["program"])?;
