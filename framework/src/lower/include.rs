@@ -247,6 +247,9 @@ impl Lowering<'_> {
                     live.map(|declared| &declared.name).filter(|name| shared(name).is_none()).collect();
                 let only: Vec<&String> =
                     exposed.into_iter().flatten().chain(hidden.iter().copied()).collect();
+                // `All` leaves out the parameters of `set`.
+                let is_set = hidden.iter().any(|name| set.contains_key(*name));
+                let all = if is_set { "" } else { "`expose: All`, or " };
                 let message = format!(
                     "expected all live parameters to be exposed, found {} only in the included graph",
                     hidden.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
@@ -254,8 +257,7 @@ impl Lowering<'_> {
                 return Err(Diagnostic::new(message, place.field("graph").span(), "included here")
                     .with_label(declared.place.key(), "declared here")
                     .with_help(format!(
-                        "live parameters must be exposed up to the outermost graph: `expose: All`, or \
-                         `expose: Only({only:?})`"
+                        "live parameters must be exposed up to the outermost graph: {all}`expose: Only({only:?})`"
                     )));
             }
             let given = set.get(name).map(|number| (number, &level.names, place.field("set").field(name)));
