@@ -214,7 +214,7 @@ impl Book {
         if rows.len() < all {
             let count = all - rows.len();
             lost = Some(format!(
-                "{shown}: {count} rows of an earlier run are measured again or left out: their settings' plans have changed"
+                "{shown}: {count} rows of an earlier run are measured again or left out: their settings' plans have changed, or equal another's"
             ));
         }
         let ledger = Ledger { command: String::new(), origin, same_plan, rows };
