@@ -82,7 +82,7 @@ fn cameras_that_cannot_be_drawn_are_listed_and_the_others_are_drawn() {
     assert_eq!(stats.as_array().map(Vec::len), Some(VIEWS - 2));
     assert_eq!(stats[2]["files"], json!({ "alpha": "a-view03.npy" }));
     let alone = place.fails(&format!("{draw}#2"), 1);
-    assert!(alone.starts_with("error: `pixels` has 8192 MiB"), "{alone}");
+    assert!(alone.starts_with("error: `pixels` has 8.00 GiB"), "{alone}");
 }
 
 #[test]

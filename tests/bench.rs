@@ -144,7 +144,7 @@ fn the_sort_alone_is_measured_and_what_does_not_fit_says_why() {
         let passes = sorted["passes"].as_array().map(Vec::len);
         assert_eq!(passes.map(|count| count as u64), Some(1 + 3 * row["key_bits"].as_u64().unwrap() / 4));
     }
-    assert!(text.contains("67,108,864, 32 bits: not sorted: `keys#0` has 256 MiB"), "{text}");
+    assert!(text.contains("67,108,864, 32 bits: not sorted: `keys#0` has 256.0 MiB"), "{text}");
     let csv = place.text("out/bench.csv");
     assert_eq!(csv.lines().count(), 1 + 9, "{csv}");
     assert!(csv.lines().all(|line| line.matches(',').count() >= 10), "{csv}");
@@ -184,7 +184,7 @@ fn mistakes_are_told_before_anything_is_drawn_and_a_candidate_that_does_not_fit_
     let (text, said) = place.said(&format!("{SHORT} scene.ply --pipelines unsorted,large.ron --sizes 32x24"));
     assert!(said.contains("1 of 2 rows could not be drawn"), "{said}");
     assert!(
-        text.contains("large.ron: not drawn: `from` has 4000 MiB") && text.contains("passes of unsorted"),
+        text.contains("large.ron: not drawn: `from` has 3.91 GiB") && text.contains("passes of unsorted"),
         "{text}"
     );
 }

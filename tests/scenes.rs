@@ -117,8 +117,11 @@ fn mistakes_in_places_are_told() {
     let place = scenes();
     for (text, why) in [
         ("Scenes([\n  Scene(file: \"a.ply\", scal: 2),\n])", "bad.ron: line 2, column"),
-        ("Scenes([Scene(file: \"none.ply\")])", "bad.ron: none.ply: cannot be read"),
-        ("Scenes([Scene(file: \"bad.ron\")])", "bad.ron: bad.ron: expected one scene, found several"),
+        ("Scenes([Scene(file: \"none.ply\")])", "bad.ron: line 1, column 15: none.ply: cannot be read"),
+        (
+            "Scenes([Scene(file: \"bad.ron\")])",
+            "bad.ron: line 1, column 15: bad.ron: expected one scene, found several",
+        ),
     ] {
         place.write("bad.ron", text);
         place.refuses("info", &[("bad.ron", 1, why)]);

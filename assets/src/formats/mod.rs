@@ -234,8 +234,10 @@ fn at_level<T>(
 
 /// Creates the error for the composition at `path` from that of a part.
 fn within(path: &Path, parts: &[Placed], error: LoadError) -> LoadError {
-    let at = parts.iter().find(|part| error.path.starts_with(&part.file)).map(|part| part.at);
-    let (line, column) = at.unwrap_or((1, 1));
+    // Of a folder and a file in it, the file.
+    let holds = parts.iter().filter(|part| error.path.starts_with(&part.file));
+    let part = holds.max_by_key(|part| part.file.components().count());
+    let (line, column) = part.map_or((1, 1), |part| part.at);
     SceneError::Placed { line, column, error: Box::new(error) }.of(path)
 }
 

@@ -4,7 +4,6 @@ use crate::cli::loading;
 use crate::cli::outcome::Usage;
 use crate::draw::splat_set::SplatSet;
 use crate::io::load::LoadOptions;
-use crate::io::output::say;
 use crate::io::scene_file::{self, Original};
 use anyhow::{Result, bail};
 use glam::{DQuat, DVec3};
@@ -208,12 +207,13 @@ impl EditArgs {
         self.transform.iter().fold(Similarity::IDENTITY, |all, next| all.then(*next))
     }
 
-    /// Applies the changes after `--merge`, in order.
+    /// Applies the changes after `--merge`, in order. Also returns what `--transform` dropped, if anything.
     ///
     /// # Errors
     /// A selection cannot be loaded, the scene does not fit in memory, the condition cannot be evaluated, or no splat is
     /// left.
-    pub fn changed(&self, mut scene: Scene) -> Result<Scene> {
+    pub fn changed(&self, mut scene: Scene) -> Result<(Scene, Option<String>)> {
+        let mut loss = None;
         if self.lists().next().is_some() {
             let count = scene.count();
             let read = |path: &PathBuf| SplatSet::read(path, &scene).map_err(Usage);
@@ -232,7 +232,7 @@ impl EditArgs {
                 bail!("expected --transform to leave a splat, found none left of {}: {lost}", scene.count());
             }
             if lost.total() > 0 {
-                say(format!("--transform: {} dropped ({lost})", scene_file::splats(lost.total())));
+                loss = Some(format!("--transform: {} dropped ({lost})", scene_file::splats(lost.total())));
             }
             scene = moved;
         }
@@ -261,7 +261,7 @@ impl EditArgs {
         if self.order == "morton" {
             scene = scene.picked(&scene.morton_order())?;
         }
-        Ok(scene)
+        Ok((scene, loss))
     }
 }
 
@@ -275,7 +275,19 @@ mod tests {
         let edit: EditArgs = parsed([&["convert"], words].concat()).map_err(|error| error.to_string())?;
         let scene = synth::generate("uniform", 400, 0).expect("a small scene");
         let merged = edit.merged(scene, &LoadOptions::default());
-        merged.and_then(|(merged, _)| edit.changed(merged)).map_err(|error| error.to_string())
+        merged
+            .and_then(|(merged, _)| edit.changed(merged))
+            .map(|(scene, _)| scene)
+            .map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn splats_that_a_transform_moves_beyond_the_range_of_floats_are_a_loss() {
+        let edit: EditArgs = parsed(["convert", "--transform", "scale:2e38"]).unwrap();
+        let scene = synth::generate("uniform", 400, 0).expect("a small scene");
+        let (left, loss) = edit.changed(scene).unwrap();
+        let loss = loss.expect("a loss");
+        assert!(loss.starts_with(&format!("--transform: {} splats dropped", 400 - left.count())), "{loss}");
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::options;
 use super::outcome::{Outcome, Usage};
 use super::stdout::Stdout;
 use crate::io::load::LoadOptions;
-use crate::io::output::{OutputGuard, is_standard_output};
+use crate::io::output::{OutputGuard, is_standard_output, say};
 use crate::io::progress::Progress;
 use crate::io::scene_file::{self, Losses, Original};
 use anyhow::{Result, bail};
@@ -134,17 +134,21 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (original_splats, dropped) = (merged.count(), serde_json::to_value(merged.dropped())?);
     // The error of --price includes that of the splats and bands that are left out.
     let mut truth = if output.is_none() { args.edit.uncut(&merged)? } else { None };
-    let mut scene = args.edit.changed(merged)?;
+    let (mut scene, transform_loss) = args.edit.changed(merged)?;
     if let Some(degree) = args.degree.filter(|degree| *degree < scene.stored_degree()) {
         let cut = scene.cut_to_degree(degree)?;
         let whole = std::mem::replace(&mut scene, cut);
         truth = truth.or_else(|| output.is_none().then_some(whole));
     }
     let Some((output, format)) = output else {
-        let lost = json!({ "dropped": dropped, "losses": scene_file::not_loaded(&originals) });
+        let mut losses = scene_file::not_loaded(&originals);
+        transform_loss.iter().for_each(say);
+        losses.extend(transform_loss);
+        let lost = json!({ "dropped": dropped, "losses": losses });
         return args.price.run(scene, truth, &args.input, &args.format, lost);
     };
-    let lost = Losses::of(&originals, &scene, format);
+    let mut lost = Losses::of(&originals, &scene, format);
+    lost.losses.extend(transform_loss);
     if args.strict && !lost.losses.is_empty() {
         bail!("expected no losses with --strict, found {}", lost.losses.join("; "));
     }

@@ -434,7 +434,7 @@ mod tests {
             &["one", "two"],
         );
         let why = outcomes[0].as_ref().expect_err("a storage buffer has 1 GiB at most");
-        assert!(why.contains("`from` has 2000 MiB"), "{why}");
+        assert!(why.contains("`from` has 1.95 GiB"), "{why}");
         let why = outcomes[1].as_ref().expect_err("no list has so many entries");
         assert!(why.contains("expected a frame that needs at most"), "{why}");
         let found = outcomes[2].as_ref().expect("it fits");
