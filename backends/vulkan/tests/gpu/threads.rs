@@ -4,7 +4,7 @@ use crate::build::*;
 use crate::swapping::{grow, growing, grown, submit};
 use splatgraph_api::{Device, FrameInputs, Loader as _};
 use splatgraph_framework::plan::Plan;
-use splatgraph_vulkan::{Loader, Ready, Vulkan};
+use splatgraph_vulkan::{Loader, Options, Ready, Vulkan};
 use std::sync::Barrier as Meeting;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -150,9 +150,13 @@ fn messages_are_the_devices_and_closing_one_executor_leaves_the_others_open() {
     finish(second);
 }
 
-/// A stress test: without the lock, about one run in ten crashes in the loader or in the validation layer.
+/// A stress test: without the lock, about one run in ten crashes in the loader.
+///
+/// Without validation: the layer (1.3.239) looks up the device of every call in a map that opening a device changes, with
+/// no lock, so calls of tests that run meanwhile crashed.
 #[test]
 fn devices_are_opened_and_closed_while_objects_of_others_are_named() {
+    let open = || Vulkan::open(&Options::default()).expect("these tests need a Vulkan 1.3 driver");
     let done = AtomicBool::new(false);
     thread::scope(|scope| {
         let naming = scope.spawn(|| {
