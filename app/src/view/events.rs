@@ -223,12 +223,12 @@ pub enum Event {
         /// Loading time, in milliseconds.
         load_ms: f64,
     },
-    /// A loaded scene is unusual: splats were dropped, or tags or properties are not used.
+    /// Data of a loaded scene that is dropped or not used: splats, tags or properties.
     SceneNotes {
         /// Path of the scene.
         #[serde(serialize_with = "displayed")]
         path: PathBuf,
-        /// What is unusual, one text for each property, as on standard error at the start.
+        /// One text for each kind of data, as on standard error at the start.
         notes: Vec<String>,
     },
     /// A scene could not be loaded; the previous one stays.

@@ -82,13 +82,13 @@ impl Settings {
         }
         for (id, marks) in [RendererId::A, RendererId::B].into_iter().zip(&self.marks) {
             let own = id == RendererId::A || viewer.has_two_scenes();
-            match viewer.loading(id) {
-                Some(_) => viewer.restore_marks(id, marks.clone()),
-                None if own => {
-                    viewer.cancel_searches(id);
-                    viewer.set_marks(id, marks.clone());
-                }
-                None => {}
+            // A scene that is loaded again carries its marks over.
+            let is_other = viewer.loading(id).is_some_and(|path| !viewer.reloads(id, path));
+            if is_other {
+                viewer.restore_marks(id, marks.clone());
+            } else if own {
+                viewer.cancel_searches(id);
+                viewer.set_marks(id, marks.clone());
             }
         }
         if now.compare != self.compare {

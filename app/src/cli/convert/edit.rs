@@ -283,7 +283,8 @@ mod tests {
 
     #[test]
     fn splats_that_a_transform_moves_beyond_the_range_of_floats_are_a_loss() {
-        let edit: EditArgs = parsed(["convert", "--transform", "scale:2e38"]).unwrap();
+        let words = ["1e9", "1e9", "1e9", "1e9", "500"].map(|factor| format!("--transform=scale:{factor}"));
+        let edit: EditArgs = parsed([&["convert".to_owned()][..], &words].concat()).unwrap();
         let scene = synth::generate("uniform", 400, 0).expect("a small scene");
         let (left, loss) = edit.changed(scene).unwrap();
         let loss = loss.expect("a loss");

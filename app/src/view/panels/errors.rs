@@ -14,13 +14,18 @@ use std::path::Path;
 
 const LAST_PLAN: &str = "Drawing with the last good plan";
 
-/// Texts of the errors that the user closed; the card reappears when an error changes.
+/// Texts of the errors that the user closed; the card reappears when an error changes, or with [`State::reopen`].
 #[derive(Default)]
 pub struct State {
     closed: Option<Vec<String>>,
 }
 
 impl State {
+    /// Shows the card again: an error that the user closed has occurred once more.
+    pub fn reopen(&mut self) {
+        self.closed = None;
+    }
+
     pub fn show(
         &mut self,
         ctx: &Context,

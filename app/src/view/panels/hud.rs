@@ -83,7 +83,7 @@ impl Toasts {
             Event::SceneNotes { .. } => self.add(SCENE, event.to_string(), false, STAY_LONG),
             // The card of errors shows it.
             Event::SceneFailed { stays: true, .. } => self.shown.retain(|toast| toast.topic != SCENE),
-            Event::SceneFailed { .. } => self.add(SCENE, event.to_string(), true, STAY_LONG),
+            Event::SceneFailed { .. } => self.add("", event.to_string(), true, STAY_LONG),
             Event::Cameras { .. }
             | Event::Saved { .. }
             | Event::Exported { .. }
@@ -348,9 +348,11 @@ mod tests {
         assert_eq!(texts, ["grey is now 0.8", "mine.ron: 2.00 ms, 5 passes", "a.ply: 5 splats in 1 ms"]);
         let failed = |stays| Event::SceneFailed { path: "a.ply".into(), error: "it is half".into(), stays };
         toasts.tell(&failed(false));
-        assert_eq!(toasts.shown[2].text, "a.ply: it is half");
+        assert_eq!(toasts.shown[3].text, "a.ply: it is half");
         toasts.tell(&failed(true));
-        assert_eq!(toasts.shown.len(), 2, "the card of errors shows it");
+        let texts: Vec<&str> = toasts.shown.iter().map(|toast| toast.text.as_str()).collect();
+        let expected = ["grey is now 0.8", "mine.ron: 2.00 ms, 5 passes", "a.ply: it is half"];
+        assert_eq!(texts, expected, "the card of errors shows the last one");
     }
 
     #[test]

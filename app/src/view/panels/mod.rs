@@ -206,6 +206,7 @@ impl Panels {
         self.toasts.tell(event);
         match event {
             Event::Dropped { .. } | Event::Restored { .. } | Event::Scene { .. } => self.by_program = true,
+            Event::SceneFailed { stays: true, .. } => self.errors.reopen(),
             // After the exchange, a comparison with the former plan would be between different graphs.
             Event::Exchanged => {
                 (self.compared, self.changed) = (None, None);

@@ -6,6 +6,8 @@ use super::widgets;
 use crate::draw::builtin;
 use crate::view::renderer::Renderer;
 use egui::{RichText, Ui};
+use splatgraph_framework::source::canonical;
+use std::ffi::OsString;
 use std::fs;
 use std::path::Path;
 
@@ -74,19 +76,22 @@ impl Presets {
     /// Lists the graphs in the working directory `root`, in its folder `pipelines`, and beside the current graph, that
     /// are not known by their names.
     fn look(&self, root: &Path, current: &str) -> Vec<Entry> {
-        let beside = Path::new(current).parent().filter(|folder| *folder != Path::new(""));
+        let folders = [Path::new(""), Path::new("pipelines")];
+        let place = |folder: &Path| canonical(&root.join(folder));
+        let is_other = |beside: &&Path| folders.iter().all(|folder| place(folder) != place(beside));
+        let beside = Path::new(current).parent().filter(is_other);
         let mut found: Vec<Entry> = Vec::new();
-        for folder in [Path::new(""), Path::new("pipelines")].into_iter().chain(beside) {
+        for folder in folders.into_iter().chain(beside) {
             let Ok(files) = fs::read_dir(root.join(folder)) else { continue };
-            let mut names: Vec<_> = files.take(MAX_LISTED).flatten().map(|file| file.file_name()).collect();
+            let is_graph = |name: &OsString| Path::new(name).extension().is_some_and(|end| end == "ron");
+            let names = files.flatten().map(|file| file.file_name()).filter(is_graph);
+            let mut names: Vec<_> = names.take(MAX_LISTED).collect();
             names.sort();
-            for name in
-                names.iter().filter(|name| Path::new(name).extension().is_some_and(|end| end == "ron"))
-            {
+            for name in &names {
                 let path = folder.join(name);
                 let graph = path.to_string_lossy().into_owned();
                 // `mine` names `mine.ron`, and `pipelines/mine.ron` if there is no `mine.ron`.
-                let is_near = folder.starts_with("pipelines") && !root.join(name).exists();
+                let is_near = folder == Path::new("pipelines") && !root.join(name).exists();
                 let means = |other: &str| {
                     let other = other.strip_suffix(".ron").unwrap_or(other);
                     graph.strip_suffix(".ron") == Some(other) || is_near && file_name(&graph) == other

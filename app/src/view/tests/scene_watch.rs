@@ -243,6 +243,16 @@ fn a_scene_whose_file_is_replaced_is_loaded_again_and_stays_with_an_error_while_
     let text = "first.ply changed: none of its splats is selected any more";
     let tells = |event: &Event| matches!(event, Event::Problem { text: told } if told.ends_with(text));
     assert!(script.has_event(tells), "{:#?}", script.events);
+    // Earlier marks cannot be restored for other splats.
+    for marks in [Marks { selected: set(&[4]), ..Marks::default() }, Marks::default()] {
+        script.viewer().set_marks(RendererId::A, marks);
+        script.settle();
+    }
+    let steps = script.panels().undo_steps();
+    synth::generate("uniform", 100, 2).expect("generated").write_ply(&path).expect("written");
+    loaded(&mut script);
+    script.settle();
+    assert!(script.panels().undo_steps() < steps, "{steps} steps");
     let identity = script.viewer().loaded(RendererId::A).identity();
     assert_eq!(identity, Scene::load(&path, QUIET).expect("loaded").identity());
 
@@ -264,6 +274,29 @@ fn a_scene_whose_file_is_replaced_is_loaded_again_and_stays_with_an_error_while_
     assert!(script.viewer().navigate(&Input { home: true, moved: [0.0; 2], ..drag() }));
     let after = script.viewer().world_camera();
     assert_eq!((after.position, after.rotation), (home.position, home.rotation), "Home is the first view");
+    script.close(&[]);
+}
+
+#[test]
+fn viewports_that_loaded_one_file_each_stay_apart_when_it_changes() {
+    let mut script = Script::open(&Config::default());
+    script.settle();
+    let second = script.path("second.ply");
+    for id in [RendererId::B, RendererId::A] {
+        script.viewer().open_scene_in(id, &second);
+        script.until("the scene", |script| script.viewer().scene_path_of(id) == second);
+    }
+    let hidden = SplatSet::from_iter([7]).into();
+    script.viewer().set_marks(RendererId::B, Marks { hidden, ..Marks::default() });
+    script.settle();
+    let before = loads(&script);
+    let moved = Similarity { scale: 1.25, ..Similarity::IDENTITY };
+    let scene = Scene::load(&second, QUIET).expect("loaded");
+    scene.transformed(&moved).expect("moved").write_ply(&second).expect("written");
+    script.until("both loads", |script| loads(script) == before + 2);
+    assert!(script.viewer().has_two_scenes());
+    let hidden = |script: &mut Script, id| script.viewer().marks(id).hidden.len();
+    assert_eq!((hidden(&mut script, RendererId::A), hidden(&mut script, RendererId::B)), (0, 1));
     script.close(&[]);
 }
 

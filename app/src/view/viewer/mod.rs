@@ -105,7 +105,7 @@ pub struct Viewer {
     picked_before: Option<[f64; 3]>,
     /// Marks to apply to the scenes that are being loaded for A and B.
     restored: [Option<Marks>; 2],
-    /// Scenes whose splats got other indices; see [`Viewer::take_reindexed`].
+    /// Scenes that were loaded again with other splats or other indices; see [`Viewer::take_reindexed`].
     reindexed: Vec<PathBuf>,
     exporter: Exporter,
     /// True if the window uses another device, so that pictures are copied through host memory.

@@ -3,7 +3,7 @@
 use crate::view::events::RendererId;
 use crate::view::opening;
 use crate::view::renderer::Wake;
-use splatgraph_framework::reload::{Wanted, Watcher};
+use splatgraph_framework::reload::{Content, Wanted, Watcher};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -52,6 +52,24 @@ impl SceneWatch {
         files.retain(|path, _| path == shown || Some(path.as_path()) == failed);
         changed.retain(|path| files.contains_key(path));
         self.watch();
+    }
+
+    /// Returns the watched files of a scene that are not among the files `now`, which a load found, as missing files: a
+    /// scene that is only half there does not name them.
+    pub fn missing(&self, id: RendererId, path: &Path, now: &[Wanted]) -> Vec<Wanted> {
+        let former = self.scenes[opening::index(id)].files.get(path).into_iter().flatten();
+        former
+            .filter(|old| now.iter().all(|file| file.path != old.path))
+            .map(|old| Wanted { path: old.path.clone(), content: Content::Missing })
+            .collect()
+    }
+
+    /// Counts a watched scene as changed again, because the load that its change started was cancelled.
+    pub fn postpone(&mut self, id: RendererId, path: PathBuf) {
+        let scenes = &mut self.scenes[opening::index(id)];
+        if scenes.files.contains_key(&path) {
+            scenes.changed.insert(path);
+        }
     }
 
     /// Stops watching all scenes of a viewport.

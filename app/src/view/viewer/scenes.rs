@@ -76,6 +76,14 @@ impl Viewer {
         if id == RendererId::B && canonical(path) == self.subject.file {
             return self.share_scene();
         }
+        self.load_scene(id, path);
+    }
+
+    fn load_scene(&mut self, id: RendererId, path: &Path) {
+        // A reload that this load cancels starts again after it, if its scene is still shown then.
+        if let Some(cancelled) = self.loading(id).filter(|cancelled| *cancelled != path).map(Path::to_owned) {
+            self.scene_watch.postpone(id, cancelled);
+        }
         self.restored[opening::index(id)] = None;
         if let Err(error) = self.opening.open_scene(id, path) {
             self.events.push(Event::SceneFailed { path: path.to_owned(), error, stays: false });
@@ -102,7 +110,8 @@ impl Viewer {
             if self.loading(id).is_none()
                 && let Some(path) = self.scene_watch.take(id)
             {
-                self.open_scene_in(id, &path);
+                // Not `open_scene_in`: B keeps a scene of its own also from A's file.
+                self.load_scene(id, &path);
             }
         }
     }
@@ -211,8 +220,12 @@ impl Viewer {
                 let stays =
                     self.reloads(id, &path) || self.failed_scene(id) == Some(&*path) || names_scenes(&path);
                 let event = Event::SceneFailed { path: path.clone(), error, stays };
+                // A loader that panicked names no files.
+                if stays && !files.is_empty() {
+                    let missing = self.scene_watch.missing(id, &path, &files);
+                    self.follow(id, &path, files.into_iter().chain(missing).collect());
+                }
                 if stays {
-                    self.follow(id, &path, files);
                     let text = located(&event.to_string(), &path);
                     self.scene_errors[opening::index(id)] = Some((path, text));
                 }
@@ -237,7 +250,9 @@ impl Viewer {
         }
         let former = self.subject_of(id);
         let (marks, lost) = former.carried_marks(subject);
-        let reindexed = !lost.is_empty() || former.parts() != subject.parts();
+        let (before, now) = (former.parts(), subject.parts());
+        let has_same_splats = |(new, old)| subject.whole.has_splats_of(new, &former.whole, old);
+        let reindexed = before != now || !now.iter().zip(&before).all(has_same_splats);
         self.reindexed.extend(reindexed.then(|| subject.path.clone()));
         let problems = lost.iter().map(|lost| Event::Problem { text: lost.to_string() });
         self.events.extend(problems);
@@ -246,7 +261,7 @@ impl Viewer {
 
     /// Returns true if the viewport's own scene is that at `path`: loading it again keeps the view and the marks. False
     /// for B while it shares A's scene.
-    pub(super) fn reloads(&self, id: RendererId, path: &Path) -> bool {
+    pub(in crate::view) fn reloads(&self, id: RendererId, path: &Path) -> bool {
         let is_its_own = id == RendererId::A || self.has_two_scenes();
         is_its_own && self.scene_path_of(id) == path
     }

@@ -158,7 +158,7 @@ impl Viewer {
         }
     }
 
-    /// Takes the paths of scenes that were loaded again since the last call and whose splats got other indices.
+    /// Takes the paths of scenes that were loaded again since the last call and have other splats or indices.
     pub(in crate::view) fn take_reindexed(&mut self) -> Vec<PathBuf> {
         std::mem::take(&mut self.reindexed)
     }

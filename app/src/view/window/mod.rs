@@ -138,7 +138,7 @@ impl App<'_> {
             let _ = proxy.send_event(());
         });
         let mut viewer = Viewer::new(device, options.scene, &options.pipeline, &options.set, wake.clone())?;
-        // The demo scene has none.
+        // Without a path, `Viewer::new` stamps the demo's file.
         if !options.files.is_empty() {
             viewer.set_files_read(options.files);
         }

@@ -2,9 +2,10 @@
 //!
 //! Events of the operating system only tell *when* to look. They come in bursts, differ between systems and editors,
 //! and are often spurious. So each event makes the watcher look at all wanted files: it rereads a file if its metadata
-//! changed or is recent, and compares hashes of the contents. It watches folders rather than files, because most
-//! editors save by replacing the file. For each wanted path it watches the folders along it, including through symlinks
-//! (module `symlink_path`), so that it notices folders that appear and disappear, and redirected links.
+//! changed or is recent, and compares hashes of the contents ([`Watcher::of_large_files`] compares only metadata). It
+//! watches folders rather than files, because most editors save by replacing the file. For each wanted path it watches
+//! the folders along it, including through symlinks (module `symlink_path`), so that it notices folders that appear and
+//! disappear, and redirected links.
 //!
 //! The watcher has a thread. It also looks at regular intervals ([`ROUNDS`]), because some network and virtual file
 //! systems send no events for writes by other machines. If it cannot receive events, it looks more often ([`POLLING`]).
