@@ -62,6 +62,8 @@ class Line:
     gpu_bytes: int
     #: Each phase: a name, the mean of the views' milliseconds, and the largest spread of a view, None with one round.
     phases: tuple[tuple[str, float, float | None], ...]
+    #: Names of the settings with the same plan, which are not measured.
+    same_plan: tuple[str, ...]
     #: "best" is on the Pareto front, "beaten" is not; "likely" and "unlikely" are too noisy to tell; "hidden": it reads the previous frame.
     mark: Literal["best", "likely", "unlikely", "beaten", "hidden"]
 
@@ -205,6 +207,7 @@ def trade(
                 "psnr_db": float(line["psnr_db"]),
                 "covered_psnr_db": float(line["covered_psnr_db"]),
                 "phases": tuple(map(tuple, line["phases"])),
+                "same_plan": tuple(line["same_plan"]),
             }
         )
         for line in found["lines"]

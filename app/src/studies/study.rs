@@ -134,12 +134,16 @@ impl Subject {
         self.files_of(&mut session, settings)
     }
 
-    /// Tells the listener how many cameras see no splat.
+    /// Tells the listener how many cameras see no splat. Does nothing for a scene without splats: drawing it is an
+    /// error that says why it is empty.
     ///
     /// # Errors
     /// No camera sees a splat: all pictures would be equal, because they are empty. Or an exact picture does not fit in
     /// memory.
     pub fn check_views(&self, listener: &mut dyn Listener) -> Result<(), StudyError> {
+        if self.scene.count() == 0 {
+            return Ok(());
+        }
         let mut blind = 0;
         for camera in &self.cameras {
             blind += usize::from(!blind::sees(&self.scene, camera)?);
