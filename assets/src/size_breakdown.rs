@@ -16,7 +16,7 @@ pub struct SizeBreakdown {
     pub elements: Vec<ElementSize>,
     /// All other bytes; in PLY, the bytes after the last row.
     pub trailing_bytes: u64,
-    /// What the file says about itself, apart from tags: the comments of a PLY, and the copyright of a glTF.
+    /// Comments of a PLY, and the copyright of a glTF. Tags are not among them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub comments: Vec<String>,
     /// True for a scene that was loaded from one SOG.

@@ -8,9 +8,6 @@ use splatgraph_reference::{PictureMemoryError, Rules, project};
 /// Opacity of a splat that contributes to the pixel nearest to its centre, with each low-pass filter.
 const CLEAR: f64 = 0.05;
 
-/// Opacity below which a splat contributes to no pixel.
-const FLOOR: f32 = 1.0 / 255.0;
-
 /// Returns true if a splat contributes to the exact picture of a camera, given in the scene's coordinates.
 ///
 /// # Errors
@@ -32,7 +29,7 @@ pub fn sees(scene: &Scene, camera: &Camera) -> Result<bool, PictureMemoryError> 
 
 /// Returns true if no splat is opaque enough to contribute to a pixel.
 pub fn is_invisible(scene: &Scene) -> bool {
-    scene.opacities().iter().all(|opacity| *opacity < FLOOR)
+    !(0..scene.count() as usize).any(|index| scene.can_show(index))
 }
 
 /// Describes that `blind` of `of` cameras see no splat, and why.
@@ -42,6 +39,18 @@ pub fn note(scene: &Scene, blind: usize, of: usize) -> String {
         false => format!("most splats are in the box {}", scene.robust_bounds().in_world(scene.offset())),
     };
     format!("{blind} of {of} cameras see no splat: {why}")
+}
+
+/// Describes the cameras of a comparison that see no splat; `None` if all see one.
+///
+/// # Errors
+/// None sees a splat.
+pub fn check(scene: &Scene, blind: usize, of: usize) -> Result<Option<String>, String> {
+    if blind == 0 {
+        return Ok(None);
+    }
+    let note = note(scene, blind, of);
+    if blind < of { Ok(Some(note)) } else { Err(note + "; no picture can be compared") }
 }
 
 #[cfg(test)]

@@ -114,7 +114,7 @@ pub struct Original {
     unread: Option<String>,
     /// Describes the data after the last row; `None` if there is none.
     after_rows: Option<String>,
-    /// What the file says about itself, which no format keeps.
+    /// Comments and copyright of the file, which no format keeps.
     comments: Vec<String>,
 }
 

@@ -148,13 +148,8 @@ impl Subject {
         for camera in &self.cameras {
             blind += usize::from(!blind::sees(&self.scene, camera)?);
         }
-        let of = self.cameras.len();
-        let note = |rest| format!("{}; {rest}", blind::note(&self.scene, blind, of));
-        if blind > 0 && blind == of {
-            return Err(StudyError::Input(note("no picture can be compared")));
-        }
-        if blind > 0 {
-            listener.say(&note("in their views, nothing has an error"));
+        if let Some(note) = blind::check(&self.scene, blind, self.cameras.len()).map_err(StudyError::Input)? {
+            listener.say(&format!("{note}; in their views, nothing has an error"));
         }
         Ok(())
     }

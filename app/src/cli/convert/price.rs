@@ -7,7 +7,7 @@ use crate::io::output::{OutputGuard, say};
 use crate::io::report::text;
 use crate::io::scene_file;
 use crate::studies::price::{self, Found, Price};
-use anyhow::{Result, bail};
+use anyhow::{Error, Result};
 use serde_json::{Value as Json, json};
 use splatgraph_assets::{Scene, SceneFormat, grouped};
 use std::path::{Path, PathBuf};
@@ -74,11 +74,7 @@ impl PriceArgs {
                 cameras.push(camera);
             }
         }
-        if cameras.len() < of {
-            let note = blind::note(original, of - cameras.len(), of);
-            if cameras.is_empty() {
-                bail!("{note}; no picture can be compared");
-            }
+        if let Some(note) = blind::check(original, of - cameras.len(), of).map_err(Error::msg)? {
             say(format!("{note}; their views are left out"));
         }
         let (splats, of) = (scene.count(), original.count());

@@ -83,7 +83,6 @@ impl Toasts {
             Event::SceneNotes { .. } => self.add(SCENE, event.to_string(), false, STAY_LONG),
             // The card of errors shows it.
             Event::SceneFailed { stays: true, .. } => self.shown.retain(|toast| toast.topic != SCENE),
-            Event::SceneFailed { .. } => self.add("", event.to_string(), true, STAY_LONG),
             Event::Cameras { .. }
             | Event::Saved { .. }
             | Event::Exported { .. }
@@ -94,7 +93,7 @@ impl Toasts {
             Event::Dropped { .. } | Event::Restored { .. } => {
                 self.add("", event.to_string(), false, STAY_LONG)
             }
-            Event::FileFailed { .. } | Event::Problem { .. } => {
+            Event::SceneFailed { .. } | Event::FileFailed { .. } | Event::Problem { .. } => {
                 self.add("", event.to_string(), true, STAY_LONG);
             }
             _ => {}
