@@ -21,8 +21,8 @@ impl Views {
         &self.list
     }
 
-    /// Adds a view at the end, and returns its index. The name is trimmed; if it is in use, it gets a number; if it is
-    /// empty, it becomes `view`.
+    /// Adds a view at the end, and returns its index. `camera` is in world coordinates; its name is replaced by `name`,
+    /// trimmed, or `view` if that is empty. A name in use gets a number, as in `view 2`.
     pub fn add(&mut self, name: &str, camera: Camera) -> usize {
         let img_name = self.free_name(name);
         Arc::make_mut(&mut self.list).push(Camera { img_name, ..camera });

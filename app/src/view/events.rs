@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RendererId {
-    /// The renderer of the scene: its picture fills the view, or the part left of the split line.
+    /// The renderer of the scene: its picture fills the view, is left of the split line, or has B's subtracted from it.
     A,
     /// The renderer that A is compared with: its picture is right of the split line, or subtracted from A's.
     B,
@@ -32,7 +32,7 @@ fn displayed<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Erro
     serializer.collect_str(&path.display())
 }
 
-/// Makes a path absolute: generated names are relative to the working directory.
+/// Makes a path absolute, if possible: generated names are relative to the working directory.
 fn whole(path: &Path) -> PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
@@ -183,7 +183,7 @@ pub enum Event {
         #[serde(flatten)]
         swap: Swap,
     },
-    /// A plan could not be built, or a frame could not be drawn; the previous plan and picture stay.
+    /// A plan could not be built, or a frame could not be drawn; the previous plan and picture, if any, stay.
     Failed {
         /// Renderer that failed.
         renderer: RendererId,
@@ -223,12 +223,12 @@ pub enum Event {
         /// Loading time, in milliseconds.
         load_ms: f64,
     },
-    /// Data of a loaded scene that is dropped or not used: splats, tags or properties.
+    /// A loaded scene is unusual: it has dropped splats, unread data, ignored tags or coarse positions.
     SceneNotes {
         /// Path of the scene.
         #[serde(serialize_with = "displayed")]
         path: PathBuf,
-        /// One text for each kind of data, as on standard error at the start.
+        /// One text for each peculiarity, as printed on standard error at the start.
         notes: Vec<String>,
     },
     /// A scene could not be loaded; the previous one stays.
@@ -286,7 +286,7 @@ pub enum Event {
         splats: u32,
         /// Size of the file, in bytes.
         bytes: u64,
-        /// Properties of the scene that the file lacks.
+        /// Data of the scene that the file lacks; see [`super::export::Written::lost`].
         lost: Vec<String>,
     },
     /// The device or its window surface was lost, with everything on the device. The scene stays in host memory.
@@ -317,7 +317,7 @@ pub enum Event {
     Compared {
         /// PSNR in decibels; infinite for identical pictures, which is `null` in JSON.
         psnr: f64,
-        /// SSIM; `None` for pictures smaller than its window.
+        /// SSIM; `None` for pictures smaller than the window of SSIM.
         ssim: Option<f64>,
         /// Largest difference in a colour channel, from 0 to 1.
         worst: f64,

@@ -21,8 +21,8 @@ pub struct Written {
     pub splats: u32,
     /// Size of the file, in bytes.
     pub bytes: u64,
-    /// Properties of the scene that the file lacks, as `convert` lists them, without those that no picture shows. Empty
-    /// for a list of indices.
+    /// Data of the scene that the file lacks, as `convert` lists it, except losses that no picture shows. Empty for a
+    /// list of indices.
     pub lost: Vec<String>,
 }
 
@@ -43,8 +43,8 @@ impl Exporter {
     /// Starts to write `splats` of a scene to a new file. `up` replaces the scene's up direction, if given.
     ///
     /// # Errors
-    /// Another file is being written, there is no splat, the file exists or cannot be created, its extension is
-    /// unknown, or the system cannot start a thread.
+    /// The exporter is busy, there is no splat, the file exists or cannot be created, its extension is unknown, or the
+    /// system cannot start a thread. Later failures are in the result of [`Exporter::take`].
     pub fn start(
         &mut self,
         scene: Arc<Scene>,
@@ -107,12 +107,12 @@ impl Exporter {
         self.busy().then(|| format!("writing {}{percent}", self.path.display()))
     }
 
-    /// Takes the result of the finished write; `None` while it runs, or if none was started.
+    /// Takes the path and the result of the finished write; `None` while it runs, or if none was started.
     pub fn take(&mut self) -> Option<(PathBuf, Result<Written, String>)> {
         Some((self.path.clone(), self.work.take()?))
     }
 
-    /// Waits for the write, and takes its result; `None` if none was started.
+    /// Waits for the write, and takes its path and result; `None` if none was started.
     pub fn wait(&mut self) -> Option<(PathBuf, Result<Written, String>)> {
         Some((self.path.clone(), self.work.wait()?))
     }

@@ -136,7 +136,7 @@ impl History {
     }
 
     /// Computes the median GPU time of a frame outside its passes, in milliseconds; `None` if no frame that the table
-    /// covers has the times of all its passes.
+    /// covers has both its total time and the times of all its passes.
     pub fn unattributed(&self) -> Option<f64> {
         let rest = |sample: &Sample| {
             let passes: Option<f64> = sample.phases.iter().map(|(_, ms)| *ms).sum();

@@ -11,7 +11,7 @@
 //! - [`recovery`]: replacement of a lost device;
 //! - [`window`]: winit's events in, frames out.
 //!
-//! Only [`window`] depends on a window system. Tests run everything else.
+//! Only [`window`] depends on a window system, so tests run all other modules without one.
 
 pub mod cameras;
 pub mod events;

@@ -28,13 +28,13 @@ pub struct Opened {
 
 /// The content of a file, or the error of reading it.
 pub enum Content {
-    /// A scene for a viewport, and its files before they were read.
+    /// A scene for a viewport, with the stamps of its files from before they were read; none if the load panicked.
     Scene(RendererId, Vec<Wanted>, Result<OpenedScene, String>),
     /// Cameras, in world coordinates.
     Cameras(CameraRole, Result<Vec<Camera>, String>),
 }
 
-/// Path of the camera file beside a scene, with its cameras or the error of reading it.
+/// Path of the camera file beside a scene, and its cameras or the error of reading the file.
 pub type CamerasBeside = (PathBuf, Result<Vec<Camera>, String>);
 
 /// A scene, with the cameras beside it.
@@ -47,7 +47,7 @@ pub struct OpenedScene {
     pub load_ms: f64,
 }
 
-/// The files of a scene before they were read, and the scene or its error.
+/// Stamps of a scene's files from before they were read, and the scene or its error.
 type ReadScene = (Vec<Wanted>, Result<OpenedScene, String>);
 
 /// Use of a file's cameras.
@@ -115,7 +115,7 @@ impl Opening {
         }
     }
 
-    /// Returns the path of the scene that is being read for a viewport; `None` if none is.
+    /// Returns the path of the scene requested for a viewport, until its result is taken; `None` without a request.
     pub fn scene(&self, id: RendererId) -> Option<&Path> {
         let slot = &self.scenes[index(id)];
         slot.reader.busy().then_some(&slot.path)
@@ -175,7 +175,7 @@ impl Opening {
     /// Takes the next result; `None` if there is none. Results of cancelled requests are dropped.
     pub fn take(&mut self) -> Option<Opened> {
         use CameraRole::{Path, Selectable, Views};
-        // Camera files first, so that the cameras of a scene that was opened later replace theirs.
+        // Camera files first, so that the cameras beside a scene replace those of a file requested earlier.
         let mut cameras = [Selectable, Views, Path].into_iter().zip(&mut self.cameras);
         let mut scenes = [RendererId::A, RendererId::B].into_iter().zip(&mut self.scenes);
         cameras.find_map(|(role, slot)| slot.take(|cameras| Content::Cameras(role, cameras))).or_else(|| {
@@ -189,7 +189,7 @@ impl Opening {
     }
 }
 
-/// Returns the files that decide what the scene at `path` contains, with their contents by metadata.
+/// Lists the paths that decide what the scene at `path` contains ([`scene_paths`]), with stamps of the files' metadata.
 pub fn files(path: &Path) -> Vec<Wanted> {
     let paths = scene_paths(path).into_iter();
     paths.map(|path| Wanted { content: FileContent::stamp(&path), path }).collect()

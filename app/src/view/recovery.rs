@@ -58,7 +58,8 @@ impl Recovery {
         self.loss.as_ref().map(|loss| &loss.error)
     }
 
-    /// Draws a frame of the shell; `None` while there is no device.
+    /// Draws a frame of the shell; `None` while there is no device. After a frame that lost the device, releases the
+    /// shell's devices; later calls open others.
     ///
     /// # Errors
     /// No device could be opened within `ATTEMPTS` attempts.

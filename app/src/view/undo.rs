@@ -163,8 +163,8 @@ pub struct History {
 }
 
 impl History {
-    /// Records the settings after a frame: as a step, if they changed, and then drops the steps to redo. With
-    /// `by_program`, the user did not request the change, and it becomes part of the previous step.
+    /// Records the settings after a frame. If they changed, adds a step and drops the steps to redo. With `by_program`,
+    /// the program made the change: it becomes part of the previous step.
     pub fn observe(&mut self, settings: Settings, by_program: bool) {
         let Some(now) = &mut self.now else {
             self.now = Some(settings);

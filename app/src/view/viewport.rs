@@ -161,15 +161,15 @@ impl Viewport {
     }
 
     /// Describes the fallback that is drawn because the device does not meet the graph's requirements; `None` if the
-    /// graph itself is drawn, or before a plan.
+    /// graph itself is drawn, or without a plan.
     pub fn fallback(&self) -> Option<String> {
         let lacking = Fallback::lacking(&self.renderer.plan()?.fallbacks);
         let all: Vec<String> = lacking.map(ToString::to_string).collect();
         (!all.is_empty()).then(|| all.join("; "))
     }
 
-    /// Describes choices that depend on facts: constants with their reasons, after the graphs that a preset or choice
-    /// resolves to; `None` if no constant depends on facts.
+    /// Describes the constants whose values follow from facts, with reasons, after the graphs that a preset or choice
+    /// resolves to. `None` without such a constant, or without a plan.
     pub fn decisions(&self) -> Option<String> {
         let plan = self.renderer.plan()?;
         let decisions = plan.decisions();
@@ -191,7 +191,7 @@ impl Viewport {
         (!short.is_empty()).then(|| format!("partially drawn: {}", short.join(", ")))
     }
 
-    /// Describes the newest finished frame if it was incomplete, and capacity cannot grow any further.
+    /// Describes the newest finished frame if it was incomplete and capacity cannot grow any further; otherwise `None`.
     pub fn stays_in_part(&self) -> Option<String> {
         let ended = self.short.iter().any(|short| short.room >= short.most);
         let reason = match self.renderer.crowded() {
@@ -238,7 +238,7 @@ impl Viewport {
         self.inspection = Some(Inspection { follow, ..Inspection::new(resource, pass) });
     }
 
-    /// Returns true if an inspection has no finding of the current plan yet.
+    /// Returns true if there is an inspection that has neither a finding nor an error from the current plan yet.
     pub fn lacks_finding(&self) -> bool {
         let current = self.renderer.plan().map(Arc::downgrade).unwrap_or_default();
         self.inspection.as_ref().is_some_and(|i| i.found.is_none() || !i.found_in.ptr_eq(&current))
@@ -254,7 +254,7 @@ impl Viewport {
         self.exhibit.as_ref().map(|exhibit| (exhibit.shown.clone(), exhibit.number))
     }
 
-    /// Returns true if the window does not show this scene and graph yet: no frame of them was drawn yet, or all
+    /// Returns true if the window does not show this scene and graph yet: no frame of them was drawn, or every frame
     /// overflowed. False without a plan.
     pub fn is_held_back(&self) -> bool {
         self.renderer.plan().is_some()

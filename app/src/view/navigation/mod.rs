@@ -82,7 +82,7 @@ pub struct Input {
     pub frame: bool,
     /// True to return to the first camera (Home).
     pub home: bool,
-    /// Seconds since the last update.
+    /// Seconds since the last update; more than 1 counts as 1.
     pub seconds: f64,
 }
 
@@ -143,7 +143,8 @@ impl Pose {
         self
     }
 
-    /// Multiplies the distance to the pivot by `e` to the power of `exponent`, within [`DISTANCES`] times `scale`.
+    /// Multiplies the distance to the pivot by `e` to the power of `exponent`, within [`DISTANCES`] times `scale`. From
+    /// outside these limits, the distance can only return.
     fn zoomed(mut self, exponent: f64, scale: f64) -> Pose {
         let pivot = self.pivot();
         let (nearest, farthest) = (DISTANCES.0 * scale, DISTANCES.1 * scale);
@@ -193,7 +194,7 @@ struct Flight {
 #[derive(Clone, Debug)]
 pub struct Navigation {
     pose: Pose,
-    /// Camera from a file until it is first moved, so that its picture uses exactly the file's numbers.
+    /// Camera that was set, until it is first moved, so that its picture uses exactly its numbers.
     unmoved: Option<Camera>,
     flight: Option<Flight>,
     start: Camera,
@@ -369,8 +370,8 @@ impl Navigation {
 
     /// Returns the current camera for a picture of this size; a length of 0 counts as 1.
     ///
-    /// Until input moves it, a camera from a file is only [resized](Camera::resized): at its own size, it is
-    /// bit-identical. A moved camera keeps the projection of the file. If it is orthographic, its scale is that of
+    /// Until input moves it, a camera that was set is only [resized](Camera::resized): at its own size, it is
+    /// bit-identical. A moved camera keeps its projection. If it is orthographic, its scale is that of
     /// [`Navigation::height`].
     pub fn camera(&self, width: u32, height: u32) -> Camera {
         let (width, height) = (width.max(1), height.max(1));
@@ -422,14 +423,14 @@ impl Navigation {
         Pose { distance: pose.distance, ..self.goal_of(camera).pose } == *pose
     }
 
-    /// Frames the whole scene, with the same direction and field of view. `size` is the view's; only its aspect ratio
-    /// matters.
+    /// Frames the scene's bounds, with the same direction and field of view. `size` is the view's; only its aspect
+    /// ratio matters.
     pub fn frame(&mut self, size: [f64; 2]) {
         let goal = Goal { pose: self.framing(size), camera: None };
         self.go_to(goal);
     }
 
-    /// Returns to the first camera, with the field of view that the user set, if any.
+    /// Flies to the first camera, with the field of view that the user set, if any.
     pub fn home(&mut self) {
         let mut goal = self.goal_of(&self.start);
         if self.own_field_of_view {
@@ -609,7 +610,7 @@ impl Navigation {
     }
 }
 
-/// Computes the mean up direction of the cameras, of length 1. `None` without cameras, or if they cancel out.
+/// Computes the mean up direction of the cameras, of length 1. `None` without cameras, or if the directions cancel out.
 pub fn mean_up(cameras: &[Camera]) -> Option<DVec3> {
     let ups = cameras.iter().map(|camera| -DVec3::from(camera.axes()[1])).filter(|up| up.is_finite());
     let sum: DVec3 = ups.sum();
@@ -617,7 +618,7 @@ pub fn mean_up(cameras: &[Camera]) -> Option<DVec3> {
     (sum.length() > 1e-3 * cameras.len() as f64).then(|| sum.normalize())
 }
 
-/// Returns finite bounds, and their size as a scale.
+/// Returns the bounds, or a point if they are not finite; and their size, limited, or 1 for a point.
 fn usable(bounds: &Bounds) -> (Bounds, f64) {
     let finite = bounds.min.iter().chain(&bounds.max).all(|v| v.is_finite());
     let bounds = if finite { *bounds } else { Bounds::ORIGIN };

@@ -122,7 +122,7 @@ fn heading(consequences: Vec<(RendererId, &str)>, has_b: bool) -> String {
     if consequences.is_empty() { LAST_PLAN.to_owned() } else { named(consequences, has_b).join(". ") }
 }
 
-/// Prefixes each problem with its viewport if there is a B, and merges equal problems of A and B.
+/// Prefixes each problem with its viewport if there is a B. If there are only two and they are equal, merges them.
 fn named<T: PartialEq + Display>(problems: Vec<(RendererId, T)>, has_b: bool) -> Vec<String> {
     match problems.as_slice() {
         _ if !has_b => problems.iter().map(|(_, problem)| problem.to_string()).collect(),

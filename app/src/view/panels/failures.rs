@@ -29,8 +29,8 @@ pub fn plain(ansi: &str) -> String {
     lines.join("\n")
 }
 
-/// Lays out text with ANSI colours in a monospace font, in lines of at most `columns` characters where possible; drops
-/// other escape sequences.
+/// Lays out text with ANSI colours in a monospace font of `size` points, in lines of at most `columns` characters where
+/// possible; drops other escape sequences.
 pub fn layout(ansi: &str, columns: usize, size: f32) -> LayoutJob {
     let mut job = LayoutJob::default();
     let mut append = |text: &str, color: Color32| {
@@ -131,7 +131,7 @@ fn gutter(line: &[(char, Color32)]) -> Option<usize> {
     line[..bar].iter().all(|(c, _)| *c == ' ' || c.is_ascii_digit()).then_some(bar)
 }
 
-/// Applies the parameters of an SGR escape sequence to a text colour; all but the 16 named colours are ignored.
+/// Applies the parameters of an SGR escape sequence to a text colour: resets and the 16 named colours. Ignores others.
 fn sgr(parameters: &str, before: Color32) -> Color32 {
     let mut colour = before;
     let mut numbers = parameters.split(';').map(|n| n.parse::<usize>().unwrap_or(0));

@@ -48,7 +48,8 @@ impl Toasts {
         self.add("", text, false, STAY);
     }
 
-    /// Adds a toast, which replaces the earlier one with the same text or of the same topic.
+    /// Adds a toast, which replaces the earlier one with the same text or of the same topic. Drops the oldest toast if
+    /// there are more than [`MAX_TOASTS`].
     fn add(&mut self, topic: &'static str, text: String, failed: bool, stay: Duration) {
         self.count += 1;
         self.shown.retain(|toast| toast.text != text && (topic.is_empty() || toast.topic != topic));
@@ -160,9 +161,9 @@ pub fn card(ui: &Ui, edge: Color32) -> Frame {
         .shadow(ui.visuals().popup_shadow)
 }
 
-/// Draws frame time, rate, splat count, memory, a note if no splat is in view, and a sparkline, in the picture's top
-/// left corner. `interval` is the time between frames, in milliseconds. Draws nothing before a frame is measured, or if
-/// the texts do not fit.
+/// Draws A's frame time, rate, splat count, memory, a note if no splat is in view, and a sparkline, in the top left
+/// corner of the picture. `interval` is the time between frames, in milliseconds. Draws nothing before a frame is
+/// measured, or if the texts do not fit.
 pub fn show(ui: &Ui, viewer: &Viewer, interval: Option<f64>, view: Rect, controls: &mut Controls) {
     let viewport = &viewer.a;
     let Some(total) = viewport.history.total() else { return };
@@ -245,7 +246,8 @@ pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
 }
 
 /// Draws the comparison card at the bottom of the split line: the median times of A and B, progress or result, and a
-/// button that toggles `marked`. Marks the worst pixel if `marked`. Draws nothing without a comparison.
+/// button that toggles `marked`. Marks the worst pixel if `marked`. Draws nothing without a finished or running
+/// comparison.
 pub fn comparison(
     ctx: &Context,
     viewer: &mut Viewer,

@@ -65,7 +65,7 @@ const RECENT: usize = 12;
 /// Results of drawing the panels.
 #[derive(Clone, Debug)]
 pub struct PanelOutput {
-    /// Rectangle of the view that shows the pictures, in points.
+    /// Rectangle of the view that shows the pictures, in points; [`Rect::NOTHING`] if a tool's tab hides it.
     pub view: Rect,
     /// Requests to the window, in the order of the user's input.
     pub commands: Vec<Command>,
@@ -297,14 +297,15 @@ impl Panels {
         self.requested.as_ref().map(|selection| format!("the plan has no {selection}"))
     }
 
-    /// Picks a splat once there is a picture. `share` is the position, as fractions of width and height.
+    /// Picks a splat of A once there is a picture, and opens the inspector. `share` is the position, as fractions of
+    /// width and height.
     pub fn pick_first(&mut self, share: [f32; 2]) {
         self.pick_first = Some(share);
         self.select(Selection::Splat);
     }
 
-    /// Selects the splats in a box once there is a picture. `corners` are left, top, right and bottom, as fractions of
-    /// the picture's width and height.
+    /// Selects the splats of A in a box once there is a picture. `corners` are left, top, right and bottom, as
+    /// fractions of the picture's width and height.
     pub fn select_first(&mut self, corners: [f32; 4]) {
         self.select_first = Some(corners);
     }
@@ -412,8 +413,8 @@ impl Panels {
         }
     }
 
-    /// Returns the median interval between recent frames, in milliseconds; `None` at rest, and until two frames of the
-    /// plan were drawn without a pause between them.
+    /// Returns the median interval between recent frames of A, in milliseconds; `None` at rest, and until two frames of
+    /// the plan were drawn without a pause between them.
     pub(in crate::view) fn interval(&self) -> Option<f64> {
         median(self.frame_ms.iter().copied().collect()).filter(|ms| *ms > 0.0)
     }

@@ -52,7 +52,8 @@ impl State {
         self.effect.as_ref().map(|(_, effect)| effect.as_str())
     }
 
-    /// Draws the list and applies changes. `command` is the command line that draws the same scene and graph.
+    /// Draws the list and applies changes. `command` is the command line that draws the same scene and graph, without
+    /// `--set`.
     pub fn show(&mut self, ui: &mut Ui, renderer: &mut Renderer, command: &str, controls: &mut Controls) {
         self.head(ui, renderer, command, controls);
         let mut changes: Vec<Change> = Vec::new();

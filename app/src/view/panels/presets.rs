@@ -41,7 +41,7 @@ impl Presets {
         Presets { entries, found: Vec::new(), drawn: 0, search: String::new() }
     }
 
-    /// Draws the list; returns a chosen graph. With a search text, Enter chooses the best match.
+    /// Draws the list; returns the graph that the user chose. With a search text, Enter chooses the best match.
     pub fn show(&mut self, ui: &mut Ui, renderer: &Renderer, controls: &mut Controls) -> Option<String> {
         self.remember(renderer);
         let pass = ui.ctx().cumulative_pass_nr();
@@ -73,8 +73,8 @@ impl Presets {
         chosen
     }
 
-    /// Lists the graphs in the working directory `root`, in its folder `pipelines`, and beside the current graph, that
-    /// are not known by their names.
+    /// Lists the graphs in the working directory `root`, in its folder `pipelines`, and beside the current graph.
+    /// Omits each file that the name of a listed graph refers to.
     fn look(&self, root: &Path, current: &str) -> Vec<Entry> {
         let folders = [Path::new(""), Path::new("pipelines")];
         let place = |folder: &Path| canonical(&root.join(folder));

@@ -91,8 +91,8 @@ impl State {
         self.radius = (self.radius * STEP.powi(steps)).clamp(*RADII.start(), *RADII.end());
     }
 
-    /// Begins a drag in a viewport's picture, at a position in points of the window. With Shift, it adds to the
-    /// selection; with Ctrl, it removes from it.
+    /// Begins a drag in a viewport's picture, at a position in points of the window. With Shift, the drag adds to the
+    /// selection; with Ctrl, or Cmd on macOS, it removes splats.
     pub fn begin(&mut self, viewport: RendererId, at: Pos2, modifiers: Modifiers) {
         let combine = match modifiers {
             Modifiers { shift: true, .. } => Combine::Add,
@@ -103,7 +103,8 @@ impl State {
         self.touched = Some(viewport);
     }
 
-    /// Takes the viewport of the last drag; keys and card then apply to its scene.
+    /// Takes the viewport of the last drag, to whose scene keys and card then apply; `None` if no drag has begun since
+    /// the last call.
     pub fn take_touched(&mut self) -> Option<RendererId> {
         self.touched.take()
     }

@@ -91,7 +91,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
     }
 }
 
-/// Draws the outline of the picked splat under the current camera, if there is one.
+/// Draws the outline of the picked splat, if there is one, under the current camera.
 pub fn draw_outline(ui: &Ui, viewer: &Viewer, view: Rect) {
     let Some(splat) = viewer.picked.as_ref().and_then(|picked| picked.splat()) else { return };
     let id = viewer.picked_in();

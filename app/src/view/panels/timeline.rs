@@ -35,7 +35,7 @@ const CLOSEST: f32 = 200.0;
 /// Times of a plan's passes.
 #[derive(Clone)]
 pub struct Times {
-    /// Pairs of pass name and median milliseconds; empty before the plan's first frame.
+    /// Pairs of pass name and median milliseconds; empty until a frame of the plan without the prologue is measured.
     pub passes: Vec<(String, f64)>,
     /// Median GPU time of a frame outside its passes, in milliseconds; `None` without measured times.
     pub unattributed: Option<f64>,
@@ -67,7 +67,7 @@ impl Default for State {
     }
 }
 
-/// A pass on the timeline, in points from its left end.
+/// Position of a pass, in points from the timeline's left end.
 struct Column {
     /// Index into [`Dump::passes`].
     pass: usize,

@@ -79,7 +79,7 @@ impl Renderer {
     /// Waits up to `within` for the frames in flight.
     ///
     /// # Errors
-    /// [`BackendError::Stuck`] if the device is not finished after `within`, and errors of the device.
+    /// [`BackendError::Stuck`] if a frame is still in flight after `within`, and errors of the device.
     pub fn finish(&mut self, within: Duration) -> Result<(), BackendError> {
         let end = Instant::now() + within;
         while !self.in_flight.is_empty() {

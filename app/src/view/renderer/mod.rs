@@ -361,7 +361,7 @@ impl Renderer {
 
     /// Replaces the changed parameters with `set`; all others return to their defaults.
     ///
-    /// A parameter keeps its value if the text in `set` is invalid.
+    /// A parameter keeps its value if the text in `set` is invalid. Names that the graph lacks are ignored.
     pub fn replace_set(&mut self, set: &IndexMap<String, String>) {
         let of = |Control { param, .. }: &Control| {
             let value = set.get(&param.name).map(|text| parse_value(text, &param.domain)).transpose();

@@ -17,8 +17,8 @@ impl Renderer {
         self.crowded.as_ref().map(|crowded| crowded.reason.as_str())
     }
 
-    /// Returns true while a plan has growing lists and none of its frames has finished. False if the last attempt to
-    /// draw failed.
+    /// Returns true while the current plan has growing lists and none of its frames has finished. False if the last
+    /// attempt to draw failed.
     pub fn may_grow(&self) -> bool {
         self.whole.is_none() && self.trouble().is_none() && self.grows()
     }
@@ -38,8 +38,8 @@ impl Renderer {
         !self.grows() || self.whole.is_some_and(|whole| whole || !self.busy())
     }
 
-    /// Returns the lists that overflowed in a frame, and requests a plan with the capacities that it needed. Requests
-    /// nothing for a frame of an earlier plan, during a build, or while [`Renderer::crowded`].
+    /// Returns the lists that overflowed in a frame, and requests a plan with the capacities that the frame needed.
+    /// Requests nothing for a frame of an earlier plan, during a build, or while [`Renderer::crowded`].
     pub(super) fn make_room(&mut self, plan: &Arc<Plan>, result: &FrameResult) -> Vec<Overflow> {
         let short = overflows(plan, &result.stats);
         // A previous plan may be of another scene, and frames of the current plan report their own overflows.

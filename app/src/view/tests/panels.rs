@@ -1,4 +1,4 @@
-//! Clicks through the bars and tools.
+//! Tests the bars and tools by clicks and keys.
 
 use super::script::Script;
 use crate::view::events::Event;

@@ -208,7 +208,7 @@ fn loads(script: &Script) -> usize {
     script.events.iter().filter(|event| matches!(event, Event::Scene { .. })).count()
 }
 
-/// Waits until a new load of the scene, and returns the number of its splats.
+/// Waits for a new load of A's scene, and returns its number of splats.
 fn loaded(script: &mut Script) -> u32 {
     let before = loads(script);
     script.until("the load", |script| loads(script) > before);

@@ -71,7 +71,7 @@ impl Viewer {
 
     /// Advances the path if it is played, and applies the user's input; returns true if the camera moved.
     ///
-    /// Adopts the projection of A's graph.
+    /// Makes the navigation orthographic if A's graph is.
     ///
     /// Playback pauses on input that moves the camera, and if anything else moved it since the last call.
     pub fn navigate(&mut self, input: &Input) -> bool {
@@ -145,7 +145,7 @@ impl Viewer {
     }
 
     /// Uses a file's cameras as `role` says: views are appended, keys and selectable cameras are replaced. New keys
-    /// also pause and rewind the path. Fails if they cannot form a path.
+    /// also pause and rewind the path. Fails if the keys cannot form a path.
     pub(super) fn take_world_cameras(
         &mut self,
         role: CameraRole,

@@ -27,8 +27,8 @@ impl Viewer {
         self.copying.is_some()
     }
 
-    /// Drops the copy limit, and measures it again with the next frames. Reports a failure as an event. Does nothing
-    /// during a measurement.
+    /// Starts to measure the copy limit with the next frames; it is unknown meanwhile. Reports a failure as an event.
+    /// If the measurement cannot start, the former limit stays. Does nothing during a measurement.
     pub fn measure_copy(&mut self) {
         if self.is_measuring_copy() {
             return;

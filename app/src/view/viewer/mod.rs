@@ -77,7 +77,7 @@ pub struct Viewer {
     pub play: Playback,
     /// Camera that playback set last. If the camera differs, something else has moved it.
     played: Option<Camera>,
-    /// Viewport that draws the whole picture, or the part left of the split line.
+    /// Viewport of picture A, which is shown alone or compared with B.
     pub a: Viewport,
     /// Viewport that A is compared with; `None` before the first comparison. Hiding it keeps its parameters.
     pub b: Option<Viewport>,
@@ -506,7 +506,7 @@ impl Viewer {
         self.all_mut().all(|viewport| viewport.renderer.is_released())
     }
 
-    /// Continues on another device after [`Viewer::release`].
+    /// Continues on another device after [`Viewer::release`]. Forgets the copy limit.
     ///
     /// # Errors
     /// A context for B cannot be created; B is then dropped.

@@ -18,15 +18,15 @@ pub(super) struct SceneWatch {
 /// A viewport's watched scenes: the shown one, and the one whose error is shown.
 #[derive(Clone, Default)]
 struct Watched {
-    /// Files of each scene, as they were before the scene was loaded.
+    /// Files of each scene, with their stamps from before the load.
     files: BTreeMap<PathBuf, Vec<Wanted>>,
     /// Scenes with a changed file.
     changed: BTreeSet<PathBuf>,
 }
 
 impl SceneWatch {
-    /// Watches the files of a scene, from their contents before it was loaded. A file that has changed since is a
-    /// change.
+    /// Watches the files of a scene. `files` has their stamps from before the load, so a write during the load counts
+    /// as a change.
     ///
     /// # Errors
     /// The watcher cannot be started.
@@ -54,8 +54,8 @@ impl SceneWatch {
         self.watch();
     }
 
-    /// Returns the watched files of a scene that are not among the files `now`, which a load found, as missing files: a
-    /// scene that is only half there does not name them.
+    /// Returns the watched files of a scene that its newest load did not find, stamped as missing. `now` lists the
+    /// files found. A half-written scene may not name all of its files.
     pub fn missing(&self, id: RendererId, path: &Path, now: &[Wanted]) -> Vec<Wanted> {
         let former = self.scenes[opening::index(id)].files.get(path).into_iter().flatten();
         former
@@ -88,7 +88,7 @@ impl SceneWatch {
         b.files.extend(a.files.clone());
     }
 
-    /// Takes a scene of a viewport that has changed since it was loaded; `None` if there is none.
+    /// Takes the path of one changed scene of a viewport; `None` if none has changed since it was loaded.
     pub fn take(&mut self, id: RendererId) -> Option<PathBuf> {
         let change = self.watcher.as_mut().and_then(Watcher::take);
         let changed = change.map_or_else(BTreeSet::new, |change| change.files.into_iter().collect());

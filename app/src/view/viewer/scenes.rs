@@ -90,8 +90,8 @@ impl Viewer {
         }
     }
 
-    /// Sets the contents that the files of A's scene had before it was loaded. Without them, a write during the load
-    /// would be missed.
+    /// Sets the stamps of the files of A's scene from before it was loaded. Without them, a write during the load would
+    /// be missed.
     pub fn set_files_read(&mut self, files: Vec<Wanted>) {
         let path = self.scene_path().to_owned();
         self.follow(RendererId::A, &path, files);
@@ -104,7 +104,7 @@ impl Viewer {
     }
 
     /// Loads the changed scenes again, unless another load is running for their viewport: a file that keeps changing
-    /// would restart it forever.
+    /// would restart the load forever.
     pub(super) fn reload_scenes(&mut self) {
         for id in [RendererId::A, RendererId::B] {
             if self.loading(id).is_none()
@@ -181,7 +181,7 @@ impl Viewer {
         }
     }
 
-    /// Returns the motion of the origin of A's scene, from that of a scene at `former` in the world.
+    /// Returns the vector from a scene's origin at `former`, in the world, to the origin of A's scene.
     fn moved_from(&self, former: [f64; 3]) -> DVec3 {
         DVec3::from(self.scene().offset()) - DVec3::from(former)
     }
@@ -289,8 +289,8 @@ impl Viewer {
     }
 }
 
-/// Adds the location to the error of a list of scenes, as in the errors of graphs: the line and column that the text
-/// names, or the start of the file. Errors of other scenes stay as they are.
+/// Formats the error of a scene like those of graphs. A list of scenes gets a location: the line and column that the
+/// text names, or the start of the file. Other scenes get none.
 fn located(text: &str, path: &Path) -> String {
     let number = |name: &str| {
         let after = text.split_once(name)?.1;

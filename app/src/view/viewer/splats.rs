@@ -149,7 +149,7 @@ impl Viewer {
         self.restored[opening::index(id)] = Some(marks);
     }
 
-    /// Returns the marks that a viewport's scene will have once it is loaded, unless the file changed.
+    /// Returns the marks for the scene that is being loaded for a viewport; a changed file may lose them.
     pub(in crate::view) fn restored(&self, id: RendererId) -> Marks {
         match &self.restored[opening::index(id)] {
             Some(marks) => marks.clone(),

@@ -72,7 +72,7 @@ impl Dialog {
     }
 }
 
-/// Returns an error if a dialog that ended without a file `after` this time was never shown. `None` if it was
+/// Returns an error if a dialog that ended without a file, `after` this time, was never shown. `None` if it was
 /// cancelled, and on systems other than Linux. On Linux, a desktop portal or else zenity shows the dialog; zenity is
 /// searched for in `path`.
 fn lacking(after: Duration, path: &OsStr) -> Option<String> {

@@ -45,7 +45,7 @@ pub type Setup<'a> = Box<dyn FnOnce(&mut Shell, (u32, u32)) -> Result<()> + 'a>;
 pub struct WindowOptions<'a> {
     /// The scene to open and the path of its file.
     pub scene: (Scene, PathBuf),
-    /// Contents of the scene's files before it was loaded.
+    /// Stamps of the scene's files from before it was loaded; if empty, the files are stamped when the window opens.
     pub files: Vec<Wanted>,
     /// Built-in name or path of the graph.
     pub pipeline: String,

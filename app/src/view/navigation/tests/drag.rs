@@ -1,4 +1,4 @@
-//! Orbits, pans and zooms.
+//! Tests orbiting, panning and zooming.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Moves to another camera, at once or on the way.
+//! Tests flights to another camera.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Flies and looks around.
+//! Tests flying and looking around.
 
 use super::*;
 

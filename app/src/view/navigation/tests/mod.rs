@@ -1,4 +1,4 @@
-//! Moves the camera with every input, and sets it.
+//! Tests the navigation with every input, and the setting of its camera.
 
 mod drag;
 mod flight;
@@ -14,7 +14,7 @@ fn bounds() -> Bounds {
     Bounds { min: [-2.0, -1.0, -3.0], max: [4.0, 2.0, 5.0] }
 }
 
-/// A tilted camera with pixels that are not square, and its principal point aside.
+/// Returns a tilted camera with non-square pixels and an off-centre principal point.
 fn start() -> Camera {
     let mut camera = Camera::looking_at([6.0, -4.0, -9.0], [1.0, 0.5, 1.0], 70.0, PIXELS);
     let roll = DMat3::from_axis_angle(DVec3::from(camera.axes()[2]), 0.2);
