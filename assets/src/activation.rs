@@ -24,8 +24,9 @@ pub(crate) fn exponential(logarithm: f32) -> f32 {
     f64::from(logarithm).exp() as f32
 }
 
-/// Applies the 3D filter of Mip-Splatting to a splat's scales and opacity, as its `get_scaling_n_opacity_with_3D_filter`
-/// does: s' = sqrt(s^2 + filter^2), and o' = o sqrt(det / det'), with the products of s^2 and of s'^2.
+/// Applies the 3D filter of Mip-Splatting to a splat's scales and opacity, like its
+/// `get_scaling_n_opacity_with_3D_filter`: s' = sqrt(s^2 + filter^2), and o' = o sqrt(det / det'), where det and det'
+/// are the products of s^2 and of s'^2.
 pub(crate) fn filtered(scale: [f32; 3], opacity: f32, filter: f32) -> ([f32; 3], f32) {
     if filter == 0.0 {
         return (scale, opacity);
@@ -66,7 +67,7 @@ pub(crate) fn unit(raw: [f64; 4]) -> ([f32; 4], f64) {
     (raw.map(|c| (c / divisor) as f32), norm)
 }
 
-/// Computes the omitted component of a unit quaternion, its largest, and inserts it at index `omitted`.
+/// Restores the omitted component of a unit quaternion, its largest and not negative, at index `omitted`.
 ///
 /// `others` are the other components, in ascending order of index.
 #[inline]

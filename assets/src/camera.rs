@@ -396,9 +396,10 @@ impl Camera {
         }
     }
 
-    /// Replaces a rotation that is not quite one, for instance because its file has three decimals, by the nearest
-    /// rotation: it would scale depths. Rounding to f32 is kept. A panorama's principal point becomes the middle. The
-    /// camera must have no [`fault`](Self::fault).
+    /// Replaces an inexact rotation, such as one with three decimals, by the nearest rotation, because it would scale
+    /// depths. A rotation that is only rounded to f32 stays. A panorama's principal point becomes the middle.
+    ///
+    /// The camera must have no [`fault`](Self::fault).
     pub fn straighten(&mut self) {
         /// Maximum deviation that rounding to f32 leaves.
         const ROUNDING: f64 = 1e-5;

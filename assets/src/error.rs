@@ -129,8 +129,8 @@ impl SceneError {
         LoadError { path: path.to_owned(), problem: self }
     }
 
-    /// Adds a file name to an error that has only a byte offset or a line number. The file is in the archive or beside
-    /// the scene.
+    /// Adds a file name to an error that has only a byte offset or a line number; returns other errors unchanged. The
+    /// file is in the archive or beside the scene.
     pub(crate) fn in_file(self, name: &str) -> Self {
         match self {
             Self::Malformed(message) => wrong(name, message),

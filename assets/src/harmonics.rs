@@ -91,7 +91,8 @@ impl Turn {
         Self { matrix: Some(matrix) }
     }
 
-    /// Rotates each band by itself: between bands, the matrix has only rounding errors, which would fill empty bands.
+    /// Rotates each band up to `degree` by itself: between bands, the matrix has only rounding errors, which would fill
+    /// empty bands.
     pub(crate) fn apply(&self, sh: &mut [f32; 48], degree: u32) {
         let (before, coefficients) = (*sh, (degree + 1) * (degree + 1));
         for (j, row) in self.matrix.iter().flatten().enumerate().take(coefficients as usize) {

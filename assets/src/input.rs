@@ -2,7 +2,7 @@
 //!
 //! The file is not mapped into memory: on Unix, a process that reads a mapped file after its truncation is killed by a
 //! signal. Here truncation is a read error. [`OpenFile`] records the file's length and modification time before the
-//! first read. Readers of scenes ask it after the last read whether they are unchanged.
+//! first read. After the last read, readers of scenes check that both are unchanged.
 
 use crate::error::{SceneError, wrong};
 use crate::file;
@@ -53,7 +53,7 @@ impl SceneHeader {
     }
 
     /// Fails unless the `available` memory holds all scenes, the joined scene (with wide positions) and `held` more
-    /// bytes. A single scene always passes, because it is not copied.
+    /// bytes. Passes if the memory is unknown, and for a single scene, which is not copied.
     pub(crate) fn check_joined(
         all: &[Self],
         held: u64,
@@ -96,7 +96,7 @@ impl Input<'_> {
 
     /// Allocates the arrays of a scene, as [`Input::allocate`] does, and fills them in parallel from tables.
     ///
-    /// `convert` gets the row of every table and the splat's index, and pushes one splat.
+    /// `convert` gets the row of every table, empty for [`Table::NONE`], and the splat's index, and pushes one splat.
     pub(crate) fn fill<const N: usize>(
         &self,
         (count, degree, wide): (u64, u32, bool),

@@ -1,7 +1,7 @@
 //! Defines the projections of a camera: the mappings from view space to the picture.
 //!
 //! A point in view space is (x, y, z): right, down and forward of the camera. All projections put the camera's axis at
-//! the picture's centre. The focal length scales the picture, and its unit depends on the projection.
+//! the principal point. The focal length scales the picture, and its unit depends on the projection.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;

@@ -86,7 +86,7 @@ pub struct PlaceReport {
     pub outliers: u64,
     /// Rounding of the centres that is large relative to the splats; `None` if there is none.
     pub coarse: Option<CoarsePositions>,
-    /// Steps of the positions in a `.sog` that are larger than the splats; `None` if there are none.
+    /// Steps of the positions that are larger than the splats, for a scene of one `.sog`; otherwise `None`.
     pub steps: Option<LargeSteps>,
 }
 

@@ -34,7 +34,8 @@ pub(crate) fn document(path: &Path) -> Option<PathBuf> {
     })
 }
 
-/// Lists the existing files of a scene: `path` itself, and the files that it and its documents name.
+/// Lists the existing files of a scene: `path` itself, or the document that stands for a folder, and the files that
+/// documents name.
 ///
 /// Nothing is decoded, so that the files are known before the scene is loaded. Every text of a JSON document counts as
 /// a name, so the list may have files that the scene does not use. Unreadable documents name no files.
@@ -50,8 +51,8 @@ pub fn names_scenes(path: &Path) -> bool {
     head().is_ok_and(|head| composition::begins_as_scenes(&head))
 }
 
-/// Lists the paths that decide what a scene contains: [`scene_files`], `path` itself, and the files of a list of scenes
-/// that do not exist.
+/// Lists the paths that decide what a scene contains: [`scene_files`], `path` itself, and the files that a list of
+/// scenes names, whether they exist or not.
 pub fn scene_paths(path: &Path) -> BTreeSet<PathBuf> {
     let mut paths = scene_files(path);
     if names_scenes(path) {

@@ -67,7 +67,6 @@ impl SizeBreakdown {
         Self { format, file_bytes, header_bytes, elements, trailing_bytes, ..Self::default() }
     }
 
-    /// Adds what the file says about itself.
     pub(crate) fn with_comments(self, comments: Vec<String>) -> Self {
         Self { comments, ..self }
     }

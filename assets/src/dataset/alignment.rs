@@ -1,8 +1,8 @@
 //! Moves the cameras of a capture to the space of a scene that nerfstudio trained.
 //!
-//! nerfstudio rotates, centres and scales a capture before the training, and writes how to `dataparser_transforms.json`:
-//! the point x of the capture becomes `scale * (transform * x)`. The poses of a `transforms.json` can be moved already,
-//! by its `applied_transform` and `applied_scale`, which `dataparser_transforms.json` contains, too.
+//! nerfstudio rotates, centres and scales a capture before the training, and writes this motion to
+//! `dataparser_transforms.json`: the point x of the capture becomes `scale * (transform * x)`. The poses of a
+//! `transforms.json` may already contain a part of the motion, its `applied_transform` and `applied_scale`.
 
 use super::error::{CameraError, MAX_CAMERA_BYTES};
 use super::view::Dataset;
@@ -22,7 +22,7 @@ impl Matrix {
     }
 }
 
-/// The motion of a capture's poses that their file already contains.
+/// The part of the motion that the poses of a `transforms.json` already contain.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Applied {
     pub(super) transform: Option<Matrix>,

@@ -2,9 +2,8 @@
 //! `camera_path.json`.
 //!
 //! The poses of the last two transform camera coordinates (x right, y up, z backward) to world coordinates.
-//! Values of a frame take precedence over the file's, except that `is_fisheye` is true if either has it. Sources: the
-//! Blender scenes of NeRF (`camera_angle_x`), <https://docs.nerf.studio/quickstart/data_conventions.html>, and
-//! `get_path_from_json` of nerfstudio.
+//! Values of a frame take precedence over the file's. Sources: the Blender scenes of NeRF (`camera_angle_x`),
+//! <https://docs.nerf.studio/quickstart/data_conventions.html>, and `get_path_from_json` of nerfstudio.
 
 use super::alignment::{Applied, Matrix};
 use super::colmap::{IDEAL, UNDISTORT};
@@ -208,7 +207,7 @@ fn distorted(name: &str, value: f64) -> String {
     format!("`{name}`: expected 0, a lens without distortion, found {value}; {UNDISTORT}{IDEAL}")
 }
 
-/// Converts a frame to a view. `size` returns the size of a photograph.
+/// Converts a frame to a view. `size` returns the size of a photograph, for a view whose size the file lacks.
 fn view(
     frame: &Fields,
     file: &Fields,

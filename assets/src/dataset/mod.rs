@@ -283,7 +283,7 @@ impl Camera {
         Dataset::parse(text, path).map(Dataset::into_cameras)
     }
 
-    /// Writes a `cameras.json`.
+    /// Writes a `cameras.json`; replaces an existing file.
     ///
     /// # Errors
     /// The file cannot be written.

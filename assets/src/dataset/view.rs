@@ -17,9 +17,10 @@ pub struct View {
 /// Options of [`Dataset::load_with`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CameraOptions<'a> {
-    /// Folder of the photographs, whose sizes cameras without a size get; `None` for the dataset's own.
+    /// Folder of the photographs, from which cameras without a size take theirs; `None` for the dataset's own.
     pub photographs: Option<&'a Path>,
-    /// True to read lenses without their distortion, which is otherwise an error. Photographs do not match them.
+    /// True to ignore the distortion of lenses, which is otherwise an error. The photographs then do not match the
+    /// cameras.
     pub ignore_distortion: bool,
 }
 

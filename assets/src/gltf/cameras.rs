@@ -18,8 +18,8 @@ const ASPECT: f64 = 16.0 / 9.0;
 /// Maximum width of the pictures, in pixels. A wider view keeps its aspect ratio, so its pixels are not square.
 const WIDEST: f64 = 16384.0;
 
-/// Lists the cameras of the scene ([`Document::placed`]), in the order of the file's nodes. Also returns true if
-/// animations move one of them, which is not read.
+/// Lists the cameras of the scene ([`Document::placed`]), in the order of the file's nodes. Also returns true if an
+/// animation moves one of them; animations are not read.
 pub(crate) fn cameras(source: &Source) -> Result<(Vec<Camera>, bool), SceneError> {
     let document = Document::read(&container::json(source)?)?;
     let mut placed = document.placed()?;

@@ -98,7 +98,7 @@ fn primitive(
     Ok((scene.with_offset(transform.offset()), fields.chain(others).collect()))
 }
 
-/// Measures an attribute that is not read; `None` for one that only other programs understand.
+/// Measures an attribute that is not read; `None` if its accessor is of no type that [`Column::open`] accepts.
 fn unread(container: &Container, name: &str, index: usize) -> Option<FieldSize> {
     let column = (1..=4).find_map(|width| Column::open(container, name, index, width).ok())?;
     Some(FieldSize { used: false, ..column.size(name) })

@@ -44,8 +44,8 @@ impl Viewer {
         &self.subject_of(id).path
     }
 
-    /// Returns the error of the shown scene, which changed, or of a list of scenes that was opened, with its location;
-    /// `None` once a scene is loaded.
+    /// Returns the error of loading a viewport's shown scene again, or of opening a list of scenes, with its location
+    /// in the list; `None` once a scene is loaded.
     pub fn scene_error(&self, id: RendererId) -> Option<&str> {
         self.scene_errors[opening::index(id)].as_ref().map(|(_, text)| text.as_str())
     }
