@@ -10,8 +10,9 @@ impl Random {
     }
 }
 
-/// Damages a file as an editor or an accident might. Returns the kind of damage, and the damaged file. `text` must not
-/// be empty.
+/// Damages a file as an editor or an accident might. Returns the kind of damage, and the damaged file.
+///
+/// The result can equal `text`, for example if a line is swapped with itself. `text` must not be empty.
 pub fn damaged(text: &[u8], random: &mut Random) -> (&'static str, Vec<u8>) {
     let mut bytes = text.to_vec();
     let mut lines: Vec<&[u8]> = text.split_inclusive(|byte| *byte == b'\n').collect();

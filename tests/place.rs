@@ -145,7 +145,7 @@ impl Place {
         Image::load(&self.at(name)).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// Returns the program as a command that runs in this folder, without a display.
+    /// Returns the program as a command that runs in this folder, without a display and with empty standard input.
     pub fn program(&self, line: &(impl Line + ?Sized)) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_splatgraph"));
         command.args(line.words()).current_dir(self.0.path()).stdin(Stdio::null());

@@ -164,8 +164,10 @@ impl Sorter<'_> {
     }
 }
 
-/// Returns sizes up to `most`: the smallest and largest, those around the number of lanes, and those around multiples
-/// of the block and of another step, `block * lanes` for the serial sort and `8 * lanes` for others.
+/// Returns sizes up to `most`: 0 to 2, 65,535, 65,536, those around the number of lanes, and those around multiples of
+/// the block and of another step, `block * lanes` for the serial sort and `8 * lanes` for others.
+///
+/// A long run has all multiples up to 65,536; other runs have those by 1, 2, 3 and 7 only.
 fn boundary_sizes(block: u32, lanes: u32, serial: bool, most: u32) -> Vec<u32> {
     let mut sizes = vec![0, 1, 2, lanes - 1, lanes, lanes + 1, 65_535, 65_536];
     for step in [block, if serial { block * lanes } else { 8 * lanes }] {

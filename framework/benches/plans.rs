@@ -51,8 +51,8 @@ impl Bench {
     }
 }
 
-/// Returns a graph of `passes` dispatches, and a last one that shows the result. Each dispatch reads the output of the
-/// previous one and of an earlier one, at most 13 back.
+/// Returns a graph of `passes` dispatches and a last one that shows the result. Each dispatch but the first reads the
+/// output of the previous one and of an earlier one, at most 13 back.
 fn chain(passes: usize) -> Library {
     let mut text = String::from("Graph(version: 1, summary: \"a chain\", resources: {\n");
     for i in 0..passes {

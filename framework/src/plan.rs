@@ -189,7 +189,7 @@ impl Plan {
     }
 
     /// Lists the buffers that only the prologue uses: a device can free them once the prologue has run. They are planes
-    /// of the scene, and buffers of the graph without a history and without aliases.
+    /// of the scene, and buffers of the graph without a history, aliases or statistics.
     pub fn used_once(&self) -> BTreeSet<ResourceId> {
         let used = |passes: &[PassId]| -> BTreeSet<ResourceId> {
             passes.iter().flat_map(|pass| self.pass(*pass).resources()).collect()

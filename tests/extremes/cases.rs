@@ -72,7 +72,7 @@ fn ball(distance: f64, degrees: f64) -> (Scene, Camera) {
     (scene, Camera::looking_at([0.0, 0.0, -distance], [0.0; 3], degrees, SIZE))
 }
 
-/// Returns a view of needles, `width` x `height` pixels, with the horizontal field of view of the other cases.
+/// Returns a view of needles, `width` x `height` pixels, with the horizontal field of view of the generator's camera.
 fn shaped(width: u32, height: u32) -> (Scene, Camera) {
     let (scene, camera) = generated("needles", 500);
     let focal = camera.fx * f64::from(width) / f64::from(camera.width);

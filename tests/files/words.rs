@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 
 impl Random {
-    /// Draws a word of a list. `~` stands for a space; a double space gives an empty word.
+    /// Draws a word of a list. `~` stands for a space; a double space or one at the end gives an empty word.
     fn word(&mut self, words: &str) -> String {
         let words: Vec<&str> = words.split(' ').collect();
         words[self.below(words.len())].replace('~', " ")

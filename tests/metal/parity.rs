@@ -115,7 +115,8 @@ fn is_buffer(plan: &Plan, resource: ResourceId) -> bool {
     matches!(plan.resource(resource).shape, Shape::Buffer { .. })
 }
 
-/// Compares word by word. Describes the differences; `None` if there are none beyond the tolerance.
+/// Compares word by word, and counts the words in `compared`. Describes the differences; `None` if there are none
+/// beyond the tolerance.
 ///
 /// If `unwritten` is true, skips words that nothing has written on the CPU.
 fn compare_words(

@@ -69,8 +69,9 @@ fn pairs(plan: &Plan, cpu: &Cpu, pass: &str) -> Vec<(u32, u32)> {
     std::iter::zip(words("Keys"), words("Values")).collect()
 }
 
-/// Sorts with the kernels on the CPU and with the standard library. Fails if the pairs differ. If `reversed`, threads
-/// run in reverse order, and few keys are distinct.
+/// Sorts with the kernels on the CPU and with the standard library. Fails if the pairs differ or a kernel fails.
+///
+/// If `reversed`, threads run in reverse order, and few keys are distinct.
 fn sort(plan: &Plan, library: &Library, reversed: bool) -> Result<(), String> {
     let inputs = inputs(reversed);
     let mut cpu = Cpu::new(plan, library, &NoScene, &inputs);

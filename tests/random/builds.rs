@@ -81,8 +81,9 @@ impl Case<'_> {
         plan(&self.files, settings, share_memory)
     }
 
-    /// Fails with the first objection to a plan, its dependencies or its barriers, if there is one. `what` names the
-    /// plan.
+    /// Fails with the first objection to a plan's dependencies or its barriers, if there is one.
+    ///
+    /// Also counts the plan's mutants. `what` names the plan in errors.
     pub fn judge(&self, plan: &Plan, what: &str) -> Result<(), String> {
         if let Some(objection) = oracle::dependencies(plan).first() {
             return Err(format!("{what}: {}\n{}", objection.describe(plan), shown(plan)));

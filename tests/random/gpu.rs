@@ -69,8 +69,8 @@ impl Bench {
 
     /// Loads plans one after another and draws the given number of frames with each.
     ///
-    /// The very last frame also reads back every resource that it wrote. Other frames do not, because reading back adds
-    /// barriers. Messages of the validation layers are an error.
+    /// The very last frame also reads back every transient resource that it wrote. Other frames do not, because reading
+    /// back adds barriers. Messages of the validation layers are an error.
     pub fn run(&mut self, plans: &[(&Plan, u32)], pace: Pace) -> Result<Vec<Outcome>, String> {
         self.run_with(plans, pace, None)
     }
@@ -193,7 +193,7 @@ pub fn compares_submissions(test: &str) -> bool {
     again::compares_submissions()
 }
 
-/// Runs `property` on random graphs with full validation, on one device.
+/// Runs `property` on `cases` random graphs with full validation, on one device; in a long run, on 20 times as many.
 fn on_device(
     name: &str,
     limits: Limits,

@@ -172,7 +172,7 @@ impl Writer<'_> {
     }
 
     /// Writes `nodes` as an included graph, and the line that includes it. The graph has the first node itself; the
-    /// others go to a graph that it includes.
+    /// others go to a graph that it includes, or at [`MAX_DEPTH`] follow the first.
     fn part(&mut self, nodes: &[Node], repeated: bool) {
         let name = format!("part{}", self.parts.len());
         // Reserves the graph's entry, before those of the graphs that it includes.
@@ -443,7 +443,7 @@ fn declaration(sketch: &Sketch, slot: &Slot) -> String {
     }
 }
 
-/// Returns an expression that reads one word from element `at`.
+/// Returns an expression that reads element `at` as one word; the components of vectors are mixed.
 fn load(sketch: &Sketch, slot: &Slot, at: &str) -> String {
     match slot.bind.what.of {
         Target::Buffer(buffer) if sketch.stride(buffer) == 16 => format!("fold({}[{at}])", slot.var),

@@ -13,7 +13,7 @@ use std::process::Command;
 
 const SIZE: (u32, u32) = (96, 54);
 
-/// Runs a shell command line in which `splatgraph` is the program under test.
+/// Runs a shell command line, which must succeed; `splatgraph` in it is the program under test.
 fn run(line: &str, folder: &Path) {
     let program = Path::new(env!("CARGO_BIN_EXE_splatgraph"));
     let found = std::env::var_os("PATH").unwrap_or_default();

@@ -172,7 +172,7 @@ impl Program {
         event
     }
 
-    /// Returns a control's rectangle; `None` if it is not shown.
+    /// Returns a control's left, top, right and bottom in the window's pixels; `None` if it is not shown.
     pub fn find(&mut self, name: &str) -> Option<Rect> {
         self.now();
         let last = self.events.iter().rev().find(|event| event["name"] == name)?;

@@ -86,7 +86,7 @@ pub fn limits(reported: &ReportedLimits) -> Limits {
 
 /// Returns the shader features of Metal Shading Language 2.4 on family Apple 7.
 ///
-/// Left out are features that the language lacks, and float atomics and 64-bit atomics, which need later versions or
+/// Excludes features that the language lacks, and float atomics and 64-bit atomics, which need later versions or
 /// families.
 pub fn features() -> Features {
     Features::INT16

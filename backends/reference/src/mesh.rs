@@ -53,8 +53,8 @@ pub(crate) struct Surfaces {
 }
 
 impl Surfaces {
-    /// Finds the surfaces of the mesh that comes with the splats. There are none if the camera is not a pinhole. `None`
-    /// once `cancelled`, which several threads call, returns true.
+    /// Finds the surfaces in `area` of the mesh that comes with the splats. There are none without a mesh, or if the
+    /// camera is not a pinhole. `None` once `cancelled`, which several threads call, returns true.
     pub(crate) fn find(
         splats: &(impl Splats + ?Sized),
         camera: &Camera,

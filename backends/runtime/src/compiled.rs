@@ -39,7 +39,7 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     /// Resources that continue a previous plan's history, until the first frame is submitted.
     pub carried: Vec<ResourceId>,
     recipes: Recipes,
-    /// Prologue passes that do not run because their results were reused from another plan.
+    /// Prologue passes that do not run: their results were reused from another plan, or only such passes use them.
     skipped: Vec<PassId>,
     /// Buffers that only the prologue uses; empty once they are freed.
     used_once: BTreeSet<ResourceId>,
@@ -162,7 +162,8 @@ impl<G: Gpu> CompiledPlan<G> {
         matches!(&self.plan.pass(pass).work, Work::ClearHistory { resource } if continues(resource))
     }
 
-    /// Returns true if a pass would zero a history that continues, or recompute a reused result.
+    /// Returns true if a pass does not run, because it would zero a history that continues or compute results that are
+    /// reused or unused.
     pub fn is_skipped(&self, pass: PassId) -> bool {
         self.would_clear(pass) || self.skipped.contains(&pass)
     }

@@ -43,14 +43,14 @@ pub struct DiffSide {
     pub summary: String,
 }
 
-/// A value that differs; `None` on a side without it.
+/// A property, parameter or fact with different values.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PropertyChange {
-    /// Name of the property, parameter or fact.
+    /// Its name.
     pub name: String,
-    /// Value in the first dump.
+    /// Value in the first dump; `None` if only the second has the property.
     pub a: Option<String>,
-    /// Value in the second dump.
+    /// Value in the second dump; `None` if only the first has the property.
     pub b: Option<String>,
 }
 
@@ -110,7 +110,7 @@ pub struct BarrierChange {
 }
 
 impl Diff {
-    /// Returns true if the two plans have equal passes, barriers and resources.
+    /// Returns true if the two plans have equal passes, barriers and resources, even if parameters or facts differ.
     pub fn is_empty(&self) -> bool {
         fn none<T, C>(d: &Differences<T, C>) -> bool {
             d.only_a.is_empty() && d.only_b.is_empty() && d.changed.is_empty()
@@ -119,7 +119,7 @@ impl Diff {
     }
 }
 
-/// Compares two dumps.
+/// Compares the parameters, facts, totals, passes, barriers and resources of two dumps.
 pub fn diff(a: &Dump, b: &Dump) -> Diff {
     let side = |d: &Dump| DiffSide { graph: d.graph.clone(), summary: d.summary.clone() };
     let parameters = |d: &Dump| d.parameters.iter().map(|p| (p.name.clone(), p.value.to_string())).collect();

@@ -63,7 +63,7 @@ fn write_edges(out: &mut String, dump: &Dump, pass: &DumpPass) {
     }
 }
 
-/// Formats a dependency, with the barriers that name it as a reason. Earlier barriers may serve it, too.
+/// Formats a dependency, with the barriers that name it as a reason; none if an earlier barrier already covers it.
 fn tip(dump: &Dump, pass: &DumpPass, dependency: &Edge) -> String {
     let is_reason = |cause: &DumpCause| {
         let Cause { before, resource, hazard, after, .. } = &cause.conflict;

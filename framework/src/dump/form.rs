@@ -456,8 +456,9 @@ pub struct EncoderTotals {
 }
 
 impl Dump {
-    /// Replaces the GPU times by `times`, in milliseconds by pass name; unknown names are ignored. Returns the number
-    /// of passes with a time.
+    /// Replaces the GPU times of all passes by `times`: pass names and milliseconds. Unknown names are ignored.
+    ///
+    /// Sums the times of phases and of the frame again. Returns the dump and how many of its passes have a time.
     pub fn with_times(mut self, times: &[(String, f64)]) -> (Dump, usize) {
         let by_name: BTreeMap<&str, f64> = times.iter().map(|(name, ms)| (name.as_str(), *ms)).collect();
         for pass in &mut self.passes {

@@ -114,7 +114,7 @@ fn totals(plan: &Plan) -> Totals {
     }
 }
 
-/// Sums the sizes of resources. A plane of the scene counts once, however often it is imported.
+/// Sums the bytes of resources. A plane of the scene counts once, however often it is imported.
 fn once_each<'a>(resources: impl Iterator<Item = &'a Resource>) -> u64 {
     let mut planes = HashSet::new();
     let is_new = |resource: &&'a Resource| match &resource.source {

@@ -206,8 +206,8 @@ fn write_barrier(out: &mut String, barrier: &DumpBarrier) -> fmt::Result {
     barrier.dependencies.iter().try_for_each(|d| writeln!(out, "    |   {}", cause_line(barrier, d)))
 }
 
-/// Counts the culled passes and includes by reason: `15 passes left out: 13 (nothing reads what it writes), 2 (its
-/// condition is false)`. A single reason has no count of its own.
+/// Counts the culled passes and includes (at least one) by reason: `15 passes left out: 13 (nothing reads what it
+/// writes), 2 (its condition is false)`. A single reason has no count of its own.
 pub fn left_out_counts(dump: &Dump) -> String {
     let mut reasons: IndexMap<&str, usize> = IndexMap::new();
     for left_out in &dump.left_out {

@@ -249,7 +249,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Consumes the next token, and reads the one after it.
+    /// Replaces `token` by the next token of the text.
     fn advance(&mut self) -> Result<(), ExprError> {
         self.last_end = self.end;
         let rest = self.text[self.at..].trim_start();

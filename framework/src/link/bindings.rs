@@ -9,7 +9,7 @@ use crate::lower::{LoweredBind, LoweredPass};
 use crate::source::{Diagnostic, nearest};
 
 impl Linker<'_> {
-    /// Checks `bind`; returns the descriptors of a pass over all stages, and adds the shaders' accesses to `uses`.
+    /// Checks a pass's `bind`. Returns the descriptors of all its stages, and adds the shaders' accesses to `uses`.
     pub(super) fn bindings(
         &mut self,
         pass: &LoweredPass,
@@ -143,8 +143,8 @@ impl Linker<'_> {
         self.errors.push(diagnostic.with_nearest(&bind.block, blocks.iter().copied(), otherwise));
     }
 
-    /// Checks the resources bound to a block, and reports mistakes. Returns the kind of descriptor; `None` on a
-    /// mismatch.
+    /// Checks the resources bound to a block, and reports mistakes. Returns the kind of descriptor, even for a buffer
+    /// that is too large; `None` on a mismatch.
     fn fits(
         &mut self,
         shader: ShaderId,
@@ -279,7 +279,8 @@ impl Linker<'_> {
         }
     }
 
-    /// Encodes the push constants of a pass, and checks `push` against the shaders' blocks. Empty if they have none.
+    /// Encodes the push constants of a pass, and checks `push` against the shaders' blocks. Empty if they have none, or
+    /// if two shaders declare different blocks.
     pub(super) fn push(&mut self, pass: &LoweredPass, stages: &[(ShaderId, Stages)]) -> Vec<u8> {
         let with_push = |(shader, _): &(ShaderId, Stages)| {
             let shader = &self.shaders[shader.index()];

@@ -92,7 +92,8 @@ impl Linker<'_> {
     }
 }
 
-/// Adds accesses to a pass's list, with one entry per resource and stage. An existing entry keeps its layout.
+/// Adds accesses to a pass's list, with one entry per resource and stage. An existing entry keeps its layout and
+/// its `discards`.
 pub(super) fn touch(
     uses: &mut Vec<Use>,
     resource: ResourceId,

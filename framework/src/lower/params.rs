@@ -35,8 +35,8 @@ struct Text<'a> {
 /// Evaluates the parameters of the root graph: defaults, then presets, then the request's settings and capacities.
 ///
 /// A setting of an unknown parameter, or outside the parameter's domain, is an error. If `rejected` is given, a
-/// setting of the request is ignored instead, and the parameter's name is added to `rejected`. Parameters with errors
-/// are missing in the result.
+/// setting of the request is ignored instead, and the parameter's name is added to `rejected`. Parameters with
+/// errors, and those that depend on them, are missing in the result.
 pub(super) fn resolve(
     root: &Opened,
     parameters: &Parameters,
@@ -406,7 +406,8 @@ fn reason(number: &Number, domain: &Domain, names: &Names) -> (Option<Reason>, P
     }
 }
 
-/// Returns the values that the range of a parameter depends on: `sorter = serial`. `None` for no or a constant range.
+/// Returns the values that a parameter's range depends on: `sorter = serial`. `None` if it has no range, or a
+/// constant one.
 fn range_reason(kind: &ParamKind, names: &Names) -> Option<String> {
     let (ParamKind::Int { range, .. } | ParamKind::Float { range, .. }) = kind else { return None };
     let mut values = BTreeMap::new();

@@ -38,7 +38,7 @@ impl Lowering<'_> {
         }
     }
 
-    /// Records the parameters of a declaration with the resources that it added, from `first` on.
+    /// Takes the notes, and records their parameters as those of the declarations from `first` on.
     fn note(&mut self, level: &Level, first: usize) {
         let params = level.names.take_notes().all();
         for declaration in &mut self.lowered.declarations[first..] {

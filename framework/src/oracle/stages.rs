@@ -41,7 +41,8 @@ pub fn stood_for_by(stage: Stages, dispatch: bool) -> Stages {
     }
 }
 
-/// Returns the accesses that one stage can perform (Vulkan 1.3, table "Supported access types").
+/// Returns the accesses that one stage can perform (Vulkan 1.3, table "Supported access types"). Empty for a set of
+/// several stages.
 pub fn performed_by(stage: Stages) -> Accesses {
     match stage {
         Stages::INDIRECT => Accesses::INDIRECT_READ,

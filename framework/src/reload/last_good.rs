@@ -48,8 +48,8 @@ impl<P, E> LastGood<P, E> {
         LastGood::default()
     }
 
-    /// Begins an attempt because files changed. Its error will be delayed until [`GRACE`] after `now`. A delayed error
-    /// of the previous attempt is dropped.
+    /// Begins an attempt because files changed. Its error will be delayed until [`GRACE`] after `now`. The error of the
+    /// previous attempt is dropped if it is still delayed.
     pub fn changed(&mut self, now: Instant) -> Attempt {
         self.begin(now, Some(now + GRACE))
     }

@@ -222,7 +222,7 @@ impl SourceMap {
         Err(NotFound { name: name.to_string(), kind, tried, nearest, why: None, place: None })
     }
 
-    /// Returns the path of a file, for messages.
+    /// Returns the path of a file, for messages; `<unknown file>` for an invalid id.
     pub fn path(&self, file: FileId) -> &str {
         self.file(file).map_or("<unknown file>", |f| &f.path)
     }
@@ -237,12 +237,13 @@ impl SourceMap {
         if is_built_in { Cow::Owned(format!("{path} (built in)")) } else { Cow::Borrowed(path) }
     }
 
-    /// Returns the text of a file. A byte order mark is removed only from files on disk.
+    /// Returns the text of a file; empty for an invalid id. A byte order mark is removed only from files on disk.
     pub fn text(&self, file: FileId) -> &str {
         self.file(file).map_or("", |f| &f.text)
     }
 
-    /// Returns the line and column of a span's start. Both count from 1, columns in characters.
+    /// Returns the line and column of a span's start. Both count from 1, columns in characters. An offset beyond the
+    /// text counts as its end, an invalid file as (1, 1).
     pub fn line_column(&self, span: Span) -> (u32, u32) {
         let Some(file) = self.file(span.file) else { return (1, 1) };
         let start = span.start.min(file.text.len());

@@ -104,7 +104,7 @@ fn a_plane_is_uploaded_once_for_all_executors_as_long_as_some_plan_has_it() {
     finish(other, &journal);
 }
 
-/// Zeros that come slowly.
+/// Zeros, of which each piece takes 50 ms.
 #[derive(Default)]
 struct Slow(Zeros);
 
@@ -140,7 +140,7 @@ fn plans_that_are_made_ready_at_the_same_time_upload_what_they_share_once() {
     finish(null, &journal);
 }
 
-/// Has no data, and says so or panics.
+/// Scene data that fails at every request, with an error or a panic.
 struct Broken {
     panics: bool,
 }

@@ -169,7 +169,7 @@ impl Handover {
         *masks != before
     }
 
-    /// Clears every mask bit that the first frame does not need.
+    /// Clears every mask bit that the first frame does not need, except in the sources of layout changes.
     fn reduce(&mut self, start: &SyncState, frame: &[Step]) {
         let reduced = needs::least(self.memory, |masks| {
             let less = Handover { memory: *masks, ..self.clone() };

@@ -150,11 +150,12 @@ fn messages_are_the_devices_and_closing_one_executor_leaves_the_others_open() {
     finish(second);
 }
 
-/// A stress test of the lock on the loader's list of devices, which must not deadlock. The loader's own race is rare: none
-/// of 50 runs without the lock crashed.
+/// Stress-tests the lock on the loader's list of devices for deadlocks.
 ///
-/// Without validation: the layer (1.3.239) looks up the device of every call in a map without a lock, and opening a device
-/// changes the map. With it, one run in thirty crashed, here or in a test beside.
+/// It hardly detects a missing lock: the loader's own race is rare, and none of 50 runs without the lock crashed.
+///
+/// Validation is off: the layer (1.3.239) looks up the device of every call in a map without a lock, and opening a
+/// device changes the map. With validation, one run in thirty crashed, in this test or in one beside it.
 #[test]
 fn devices_are_opened_and_closed_while_objects_of_others_are_named() {
     let open = || Vulkan::open(&Options::default()).expect("these tests need a Vulkan 1.3 driver");

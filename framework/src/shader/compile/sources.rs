@@ -181,7 +181,7 @@ impl Sources {
         )
     }
 
-    /// Explains an undeclared name that refers to a live parameter, which only `live.glsl` declares.
+    /// Explains an undeclared name that refers to a live parameter, which only `live.glsl` declares; `None` for others.
     pub fn live_help(&self, files: &SourceMap, request: &ShaderRequest, name: &str) -> Option<String> {
         let (file, generated) = request.generated.iter().find(|(file, _)| file == "live.glsl")?;
         // Each member is a line such as `    float gain;`.

@@ -108,7 +108,7 @@ impl Case {
     }
 }
 
-/// Adds a pass with this name that accesses a resource.
+/// A function that adds a pass with this name, which accesses a resource.
 type Action = fn(&mut Build, &str, ResourceId);
 
 /// Returns a case with two successive passes on one buffer.
