@@ -132,7 +132,7 @@ impl fmt::Display for Api {
     }
 }
 
-/// An opened device and the plan that it executes.
+/// An opened device, and the plan that it executes once one was swapped in.
 pub enum Backend {
     /// A Vulkan device.
     Vulkan(Vulkan),
@@ -227,8 +227,8 @@ impl Backend {
 
     /// Opens a second device that does not delay this device's frames, for example to draw beside a window.
     ///
-    /// For a GPU, it is another context of this device, and `options` are ignored. On a CPU, devices of one Vulkan
-    /// instance share a queue and threads, so the same device is opened with `options` in an instance of its own.
+    /// Returns a new context of this device, and ignores `options`. A Vulkan device on a CPU is instead opened again
+    /// with `options`, in its own instance: devices of one instance would share a queue and threads.
     ///
     /// # Errors
     /// See [`Backend::open`].

@@ -5,13 +5,13 @@ use rayon::prelude::*;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{PictureMemoryError, Rules, project};
 
-/// Opacity of a splat that contributes to the pixel nearest to its centre, with each low-pass filter.
+/// Opacity from which a splat contributes to the pixel nearest to its centre, whatever the low-pass filter.
 const CLEAR: f64 = 0.05;
 
-/// Returns true if a splat contributes to the exact picture of a camera, given in the scene's coordinates.
+/// Returns true if a splat contributes to the exact picture of a camera. `camera` is in the scene's coordinates.
 ///
 /// # Errors
-/// The exact picture does not fit in memory. It is drawn only if no clear splat has its centre in the picture.
+/// The exact picture does not fit in memory. It is not drawn if the centre of an opaque enough splat is in the picture.
 pub fn sees(scene: &Scene, camera: &Camera) -> Result<bool, PictureMemoryError> {
     let rules = Rules::of_view(scene, camera);
     let (width, height) = (f64::from(camera.width) - 1.0, f64::from(camera.height) - 1.0);
@@ -32,7 +32,7 @@ pub fn is_invisible(scene: &Scene) -> bool {
     !(0..scene.count() as usize).any(|index| scene.can_show(index))
 }
 
-/// Describes that `blind` of `of` cameras see no splat, and why.
+/// Reports that `blind` of `of` cameras see no splat, and the box of most splats, unless all splats are invisible.
 pub fn note(scene: &Scene, blind: usize, of: usize) -> String {
     let why = match is_invisible(scene) {
         true => "no splat has an opacity of 1/255 or more".to_owned(),
@@ -41,10 +41,10 @@ pub fn note(scene: &Scene, blind: usize, of: usize) -> String {
     format!("{blind} of {of} cameras see no splat: {why}")
 }
 
-/// Describes the cameras of a comparison that see no splat; `None` if all see one.
+/// Reports that `blind` of a comparison's `of` cameras see no splat; `None` if `blind` is 0.
 ///
 /// # Errors
-/// None sees a splat.
+/// No camera sees a splat, so there is nothing to compare.
 pub fn check(scene: &Scene, blind: usize, of: usize) -> Result<Option<String>, String> {
     if blind == 0 {
         return Ok(None);

@@ -42,7 +42,9 @@ fn draws(text: &str) -> bool {
     }
 }
 
-/// Returns the summary of a graph that draws a picture, from the text of its file; `None` for other texts.
+/// Returns the summary of a graph that draws a picture, from its file's text; `has errors` if the graph is invalid.
+///
+/// `None` for a graph without a picture, and for text that is not a graph.
 pub fn drawn(text: &str) -> Option<String> {
     let code = text.lines().map(str::trim_start).find(|line| !line.is_empty() && !line.starts_with("//"))?;
     let is_graph = ["Graph", "Preset", "Choice"].iter().any(|kind| code.starts_with(kind));

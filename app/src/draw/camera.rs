@@ -69,7 +69,7 @@ pub fn frame_uniforms(
     [(CAMERA.to_owned(), uniform(camera, depth, distance, background, frame))].into()
 }
 
-/// Computes a range that contains the f32 view depths of all points in the scene's box, at least [`NEAR`].
+/// Computes a range that contains the f32 view depths of the scene's box. Both ends are clamped to at least [`NEAR`].
 ///
 /// A depth is a sum of four terms, each rounded to 24 bits. The range includes depths that this rounding moves out of
 /// the box.
@@ -167,9 +167,9 @@ fn origin(camera: &Camera, depth: [f64; 2]) -> [f64; 3] {
 
 /// Finds the camera file that belongs to a scene; `None` if there is none.
 ///
-/// Searches for `NAME.cameras.json` (also for `NAME.compressed.ply`), then for `cameras.json` in the scene's folder. If
-/// the scene is named `point_cloud.ply`, the three folders above are searched as well, because the reference
-/// implementation writes `cameras.json` beside `point_cloud/iteration_N/point_cloud.ply`.
+/// For a scene `NAME.EXT` or `NAME.compressed.ply`, searches for `NAME.cameras.json`, then for `cameras.json` in the
+/// scene's folder. If the scene is named `point_cloud.ply`, the three folders above are searched as well, because the
+/// reference implementation writes `cameras.json` beside `point_cloud/iteration_N/point_cloud.ply`.
 pub fn beside(scene: &Path) -> Option<PathBuf> {
     let stem = Path::new(scene.file_stem()?);
     let is_compressed =

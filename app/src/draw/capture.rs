@@ -17,8 +17,8 @@ use splatgraph_reference::inversions;
 pub struct Capture {
     /// The picture, not clamped.
     pub image: Image,
-    /// Indices of the visible splats in the graph's order buffer: near to far if the graph sorts. `None` if the buffer
-    /// cannot be read back.
+    /// Indices of the visible splats in the graph's order buffer: near to far if the graph sorts. `None` if the graph
+    /// has no such buffer or no statistic `visible`, or if a later pass uses the buffer.
     pub order: Option<Vec<u32>>,
     /// Statistics of the graph, such as `visible` and `drawn`.
     pub counts: Vec<(String, u32)>,
@@ -46,7 +46,7 @@ pub fn take(session: &mut Session, camera: &Camera) -> Result<Capture, SessionEr
 
 /// Finds the buffer with the order of the splats, and the last pass that binds it as `Order`.
 ///
-/// `None` if a later pass uses the buffer, and so may overwrite the order before it is read.
+/// `None` if no pass binds it, or if a later pass uses the buffer, and so may overwrite the order before it is read.
 fn order_of(plan: &Plan) -> Option<Inspect> {
     let steps = || plan.frame.iter().rev().copied();
     let order = |pass: PassId| plan.pass(pass).bindings.iter().find(|binding| binding.name == "Order");

@@ -68,11 +68,11 @@ pub struct DrawOptions {
     pub jobs: usize,
 }
 
-/// Frames of a film that were drawn.
+/// Summary of the frames that [`draw`] drew.
 pub struct Drawn {
     /// GPU time of all samples, in milliseconds; `None` without timestamps.
     pub gpu_ms: Option<f64>,
-    /// Number of frames without a visible splat, although the scene has splats.
+    /// Number of frames whose last sample shows no splat; 0 for a scene without splats.
     pub blind: usize,
 }
 
@@ -94,8 +94,8 @@ pub fn draw<T: Send + 'static>(
     let mut pictures = Pictures::new(options.jobs);
     let (mut exposure, mut ms, mut blind) = (Exposure::default(), Some(0.0), 0);
     let has_splats = session.scene().count() > 0;
-    // Waits for a sample in flight. The last sample of a picture comes with the picture's number of samples, and starts
-    // its encoding.
+    // Waits for a sample in flight. `samples` is `None` unless it is the last of its picture; then it is their number,
+    // and the picture is encoded.
     let mut land =
         |session: &mut Session, (id, frame, samples): (FrameId, u32, Option<usize>)| -> Result<()> {
             let result = session.wait(id)?;

@@ -64,7 +64,7 @@ impl Target {
         Target { name: name.to_owned(), facts, heap: Heap::default(), storage_buffers, storage_images }
     }
 
-    /// Limits the available memory to `limit` bytes.
+    /// Limits the available memory to `limit` bytes; `None` changes nothing.
     pub fn limited(mut self, limit: Option<u64>) -> Target {
         if limit.is_some() {
             self.heap.available = available(&self.heap).into_iter().chain(limit).min();
@@ -83,7 +83,7 @@ impl Target {
     }
 
     /// Describes the shaders of a plan that bind more storage buffers than the device allows, or else those that bind
-    /// more storage images. `None` if there are none.
+    /// more storage images. `None` if there are none, or the limits are unknown.
     pub fn exceeded(&self, plan: &Plan) -> Option<String> {
         let is_image = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageImage { .. });
         let is_buffer = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageBuffer { .. });
@@ -274,7 +274,7 @@ fn most(planner: &mut Planner, wanted: &Wanted, device: &Target) -> Option<u64> 
 /// size.
 ///
 /// # Errors
-/// The header is invalid, or the scene is too large.
+/// The header cannot be read, or the scene is too large.
 pub fn check_header(
     path: &Path,
     load: &LoadOptions,
@@ -335,8 +335,8 @@ fn loading(bytes: u64) -> String {
 }
 
 impl Fit {
-    /// Returns a line with the level of the scene at `path` that is small enough, or with a command that makes it small
-    /// enough; empty if no number of splats is known to fit. The scene was loaded with `load`.
+    /// Returns a line that names a level of the scene with few enough splats, or else a command that removes enough
+    /// splats; empty if no number of splats is known to fit. The scene at `path` was loaded with `load`.
     pub fn advice(&self, path: &Path, load: &LoadOptions) -> String {
         let Some(most) = self.most_splats else { return String::new() };
         let coarser = load.level.unwrap_or(0).saturating_add(1)..;

@@ -60,7 +60,7 @@ pub struct Timed {
 }
 
 impl Timed {
-    /// Sums the milliseconds of the passes that `wanted` accepts; `None` without timestamps.
+    /// Sums the GPU milliseconds of the passes that `wanted` accepts; 0 if it accepts none, `None` without timestamps.
     pub fn passes_ms(&self, wanted: impl Fn(PassId) -> bool) -> Option<f64> {
         self.result.pass_ms.iter().filter(|(id, _)| wanted(*id)).map(|(_, ms)| *ms).sum()
     }

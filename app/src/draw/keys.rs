@@ -169,7 +169,7 @@ struct View {
 impl View {
     /// Projects, by the scene's own rules, the splats that reach the published alpha floor.
     ///
-    /// [`of_scene`] includes the others, because a graph's parameter `alpha_floor` can be below the published floor.
+    /// [`of_scene`] covers fainter splats, too, because a graph's parameter `alpha_floor` can be below that floor.
     fn new(scene: &Scene, camera: &Camera) -> View {
         let (mut visible, tiles) = visible(scene, camera, &Rules::of_view(scene, camera));
         visible.retain(|splat| scene.can_show(splat.index as usize));

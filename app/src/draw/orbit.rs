@@ -1,7 +1,6 @@
 //! Moves cameras around a point, and turns cameras towards a point.
 //!
-//! Rotations without an axis are about the camera's own vertical axis, because the up direction of most captures is
-//! unknown.
+//! [`turned`] rotates about the camera's own vertical axis, because the up direction of most captures is unknown.
 
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::Camera;

@@ -153,7 +153,7 @@ pub fn source_of(name: &str) -> &str {
 /// Returns the output `name`: [`RGBA`] is computed from `picture` and `source`, any other output is `source` itself.
 ///
 /// `source` is the output that [`source_of`] names. `background` is the picture's, display-encoded. Returns `None` if
-/// `source` is missing, or for [`RGBA`], if `picture` is missing or its size differs from that of `source`.
+/// `source` is missing, or for [`RGBA`], if `picture` is missing or `source` is not one float per pixel of it.
 pub fn named<'a>(
     name: &str,
     source: Option<&'a Output>,

@@ -61,7 +61,7 @@ impl Outline {
 pub struct PickedSplat {
     /// Index in the scene: position in the file, not counting splats that were dropped on load.
     pub index: u32,
-    /// View depth, in world units.
+    /// View depth, or distance from the camera if the splats are sorted by distance; in world units.
     pub depth: f64,
     /// Alpha at the pixel, capped at 0.99.
     pub alpha: f64,
@@ -94,9 +94,9 @@ pub struct Picked {
     pub pixel: [u32; 2],
     /// Splats, near to far.
     pub splats: Vec<PickedSplat>,
-    /// Background's share of the pixel.
+    /// Share of the pixel that is left for the background or the mesh.
     pub transmittance: f64,
-    /// Mean view depth in world units, weighted by the splats' shares; `None` without splats.
+    /// Mean of [`PickedSplat::depth`], weighted by the splats' shares; `None` without splats.
     pub depth: Option<f64>,
     /// Index of the selected splat in `splats`; `None` without splats.
     pub selected: Option<usize>,

@@ -35,7 +35,7 @@ impl<T: Send + 'static> Pictures<T> {
         Pictures { jobs: jobs.max(1), unfinished: VecDeque::new() }
     }
 
-    /// Starts `work`, which needs `bytes` bytes of memory. On a thread of the pool, finishes it before returning.
+    /// Starts `work`, which needs `bytes` bytes of memory. If called on a thread of the pool, runs it before returning.
     ///
     /// First waits for older pictures if the queue or the memory is full, and returns their results.
     ///
@@ -57,7 +57,7 @@ impl<T: Send + 'static> Pictures<T> {
             // After an error, nobody receives the result.
             _ = sender.send(result);
         };
-        // On a thread of the pool, does the work at once: the pool may have no other thread to do it while this one
+        // On a thread of the pool, run the work at once: the pool may have no other thread to run it while this one
         // draws.
         if rayon::current_thread_index().is_some() {
             work();

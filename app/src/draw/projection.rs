@@ -2,8 +2,8 @@
 //!
 //! A graph's projection is its constant parameter `projection`, because shaders are compiled for it. A camera has a
 //! projection as well: files store it, and the exact renderer draws it. Pinhole cameras are converted to the graph's
-//! projection; any other camera needs a graph with the same projection. Pinholes among other cameras are not converted:
-//! in a rig, each camera has its own lens.
+//! projection; any other camera needs a graph with the same projection, except in a window (see [`shown`]). Cameras
+//! with several projections are refused, even if some are pinholes: in a rig, each camera has its own lens.
 
 use crate::draw::facts;
 use crate::draw::planner::Planner;
@@ -87,7 +87,7 @@ pub fn of_graph_for(pipeline: &str, set: &[(String, String)], cameras: &[Camera]
     of_graph(pipeline, set).unwrap_or_else(|| of_cameras(cameras))
 }
 
-/// Returns the projection of a graph that suits cameras: that of the first one that is not a pinhole.
+/// Returns the projection of a graph that suits cameras: that of the first one that is not a pinhole, or else pinhole.
 pub fn of_cameras(cameras: &[Camera]) -> Projection {
     cameras.iter().map(|camera| camera.projection).find(|own| !own.is_pinhole()).unwrap_or_default()
 }
@@ -163,7 +163,8 @@ pub fn convert_all(
     Ok(cameras.iter().map(converted).collect::<Result<_, _>>()?)
 }
 
-/// Gives a pinhole camera that is to become a panorama the shape 2:1, which players of panoramas expect.
+/// Gives a pinhole camera that is to become a panorama the shape 2:1, which players of panoramas expect. Returns other
+/// cameras unchanged.
 pub fn shaped(camera: &Camera, graph: Projection) -> Camera {
     match (camera.projection, graph) {
         (Projection::Pinhole, Projection::Equirectangular) => {

@@ -37,7 +37,7 @@ pub struct Build {
     pub unmet: Vec<Unmet>,
 }
 
-/// Lists the graphs that are drawn in the given cases, and cases for the others; see [`undrawn`].
+/// Lists, for each given case, the graph that it draws, and then the graphs that none draws; see [`undrawn`].
 ///
 /// # Errors
 /// Errors of the graphs' files and of their `require`.
@@ -189,7 +189,7 @@ impl Case {
         self.search(&condition, &choices, &mut 10_000)
     }
 
-    /// Searches the combinations of values for one with which the condition holds. Tests at most `tries`.
+    /// Searches at most `tries` combinations of values for one with which the condition holds.
     fn search(&self, condition: &Expr, choices: &[(&str, Vec<Value>)], tries: &mut u32) -> Option<Case> {
         let Some(((name, values), others)) = choices.split_first() else {
             *tries = tries.checked_sub(1)?;

@@ -71,7 +71,7 @@ pub struct CameraStats {
 const VISIBLE: &str = "visible";
 
 /// Statistics of the built-in graphs that draw a scene. Of these, [`CameraStats::line`] contains only the visible
-/// splats.
+/// splats, if they are counted.
 const SHIPPED: [&str; 4] = [VISIBLE, "drawn", "entries_needed", "tied"];
 
 /// Warning about the times of passes on a CPU.
@@ -88,7 +88,7 @@ pub struct PassTime {
     pub name: String,
     /// Phase that the pass belongs to.
     pub phase: String,
-    /// GPU time in milliseconds; `None` if the device has no timestamps.
+    /// Median GPU time in milliseconds; `None` without timestamps.
     pub gpu_ms: Option<f64>,
     #[serde(skip)]
     run: Run,

@@ -66,7 +66,9 @@ pub struct Truth {
 }
 
 impl Truth {
-    /// Draws the exact picture of a scene, and shows the progress. `background` is display-encoded.
+    /// Draws the exact picture of a scene, and shows the progress.
+    ///
+    /// `camera` is in the scene's coordinates. `background` is display-encoded.
     ///
     /// # Errors
     /// The picture and its visible splats do not fit in memory.

@@ -3,12 +3,12 @@
 use std::env;
 use std::path::PathBuf;
 
-/// Returns the user's cache folder, for files that can be regenerated; `None` if the system has none.
+/// Returns the user's cache folder, for files that can be regenerated; `None` if the user has none.
 pub fn cache() -> Option<PathBuf> {
     Kind::Cache.folder(variable, env::home_dir)
 }
 
-/// Returns the user's state folder, for files that persist across restarts; `None` if the system has none.
+/// Returns the user's state folder, for files that persist across restarts; `None` if the user has none.
 #[cfg(feature = "window")]
 pub fn state() -> Option<PathBuf> {
     Kind::State.folder(variable, env::home_dir)

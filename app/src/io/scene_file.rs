@@ -34,7 +34,7 @@ pub fn format_of(path: &Path) -> Result<SceneFormat, String> {
 
 /// Writes a scene in a format, and returns the number of bytes; `-` is standard output.
 ///
-/// `version` applies only to [`SceneFormat::Spz`]; with a version, `progress` is not called.
+/// `version` applies only to [`SceneFormat::Spz`]; with it, `progress` is not called.
 ///
 /// # Errors
 /// The file cannot be written. An existing file is then kept.
@@ -121,9 +121,9 @@ pub struct Original {
 /// Data of a scene, or of several merged ones, that a written file lacks. Each loss is a phrase.
 #[derive(Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Losses {
-    /// Losses due to the contents of the scenes, such as dropped splats.
+    /// Losses due to the contents of the scenes, such as dropped splats, or tags that the format cannot store.
     pub losses: Vec<String>,
-    /// Losses due to the choice of the format and of the degree: values that are rounded or clipped.
+    /// Losses due to the choice of the format and of the degree: cut harmonics, and values that are rounded or clipped.
     pub chosen_losses: Vec<String>,
     /// Losses that no picture shows, but training that continues from the file may.
     pub invisible_losses: Vec<String>,
@@ -211,7 +211,8 @@ pub fn mixed_tags(scene: &Scene) -> Option<String> {
     Some(format!("tags that are ignored, because the scenes differ in them: {tags}"))
 }
 
-/// Describes the steps of positions if they are larger than the splats or, in SPZ, than usual, and what to do.
+/// Describes the steps of positions if they are larger than the splats or, in SPZ, than usual, and advises a remedy if
+/// there is one; `None` for smaller steps.
 pub fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
     if let Some(steps) = scene.large_steps(format) {
         return Some(format!("positions: {steps}; write the scene in parts (`--crop`), one file for each"));
@@ -249,7 +250,8 @@ pub fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
     Some(format!("positions: steps of {step}, not {finest}, because a coordinate is {largest:.0}{advice}"))
 }
 
-/// Names the bands of harmonics that are all zero but take bytes in a format, and the option that leaves them out.
+/// Names the bands of harmonics that are all zero but take bytes in a format, and the option that leaves them out;
+/// `None` if there are none.
 pub fn empty_bands(scene: &Scene, format: SceneFormat) -> Option<String> {
     let (used, stored) = (scene.effective_degree(), scene.stored_degree());
     let (bytes, rounded) = match format {
@@ -304,8 +306,8 @@ fn fraction(step: f64) -> String {
     if step < 1.0 { format!("1/{}", 1.0 / step) } else { step.to_string() }
 }
 
-/// Describes how a scene with this up direction is shown without the tag, and the rotation that turns it upright. `None`
-/// for the direction of files without a tag.
+/// Describes how a scene with this up direction is shown without the tag, and the rotation that turns it upright.
+/// `None` if the direction is within a degree of that of files without a tag.
 pub fn lost_up(up: [f64; 3]) -> Option<String> {
     let turn = match up[1] > 0.999_999 {
         true => DQuat::from_rotation_x(PI),
@@ -360,7 +362,8 @@ pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
     [not_stored(scene, format), clipped(scene, format)].concat()
 }
 
-/// Lists what a file of a scene lacks besides the values that the format rounds or clips, one phrase per loss.
+/// Lists the losses that a scene's contents cause in a file of a format, one phrase each: tags, the order by depth,
+/// precision of positions, and the mesh.
 fn not_stored(scene: &Scene, format: SceneFormat) -> Vec<String> {
     let mut losses = Vec::new();
     let kept = format.kept_tags(scene.notes()).tags();
@@ -412,7 +415,8 @@ impl Original {
         }
     }
 
-    /// Lists what a file of `written` lacks compared with the original, one phrase per loss.
+    /// Lists what a file of `written` lacks compared with the original, one phrase per loss, without the losses that no
+    /// picture shows.
     pub fn losses(&self, written: &Scene, format: SceneFormat) -> Vec<String> {
         let Losses { mut losses, chosen_losses, .. } = Losses::of(&[("", self)], written, format);
         losses.extend(chosen_losses);

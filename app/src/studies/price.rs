@@ -80,8 +80,8 @@ pub fn measure(
     versions.map(|(format, version)| price(scene, cameras, &views, (format, version), &mut file)).collect()
 }
 
-/// Reserves memory for a file of the scene in any format, unless there is not enough for it, a second scene and the
-/// drawing of its picture.
+/// Reserves memory for a file of the scene in any format. Fails if there is not enough for the file, a second scene and
+/// the drawing of its picture.
 fn reserve(scene: &Scene, file: &mut Vec<u8>) -> Result<(), SceneMemoryError> {
     /// Room for the values of a splat outside its harmonics, in PLY with positions in `double`.
     const SPLAT: u64 = 4 * (3 + 1 + 3 + 4) + 24;

@@ -134,8 +134,8 @@ impl Subject {
         self.files_of(&mut session, settings)
     }
 
-    /// Tells the listener how many cameras see no splat. Does nothing for a scene without splats: drawing it is an
-    /// error that says why it is empty.
+    /// Tells the listener how many cameras see no splat, if there are any. Does nothing for a scene without splats:
+    /// drawing it is an error that says why it is empty.
     ///
     /// # Errors
     /// No camera sees a splat: all pictures would be equal, because they are empty. Or an exact picture does not fit in

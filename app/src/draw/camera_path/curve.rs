@@ -18,15 +18,15 @@ const STILL: f64 = 1e-9;
 /// Maximum slope: a multiple of the straight line's slope, plus a constant.
 ///
 /// Within the multiple, a cubic does not overshoot (Fritsch and Carlson, Monotone Piecewise Cubic Interpolation, 1980).
-/// The constant causes an overshoot of 4/27 of itself.
+/// The constant causes an overshoot of at most 4/27 of itself.
 const STEEPEST: (f64, f64) = (3.0, 1.0);
 /// Maximum relative difference between the halves of an interval of the table, and between its length and its chord.
 const UNEVEN: f64 = 1e-3;
 /// Minimum and maximum number of bisections of a segment.
 const BISECTIONS: (u32, u32) = (4, 24);
-/// Length below which an interval is not bisected, as a fraction of the summed distances between keys.
+/// Length below which the minimum of bisections suffices, as a fraction of the summed distances between keys.
 const TINY: f64 = 1e-7;
-/// Length below which an interval is not bisected, in rounding errors of a view.
+/// Length below which the minimum of bisections suffices, and keys count as equal, in rounding errors of a view.
 const NOISE: f64 = 1e3;
 
 /// Position, rotation, zoom and principal point of a camera.
@@ -60,7 +60,7 @@ impl View {
         }
     }
 
-    /// Makes the camera of this view with a projection, for pictures of the size of another camera's.
+    /// Makes a camera with this view, the given projection, and the picture size of `sized`.
     pub(super) fn camera(&self, sized: &Camera, projection: Projection) -> Camera {
         let (width, height) = (sized.width, sized.height);
         let focal = |zoom: f64| zoom.exp() * f64::from(height);
@@ -200,7 +200,7 @@ impl Curve {
         curve
     }
 
-    /// Adds part of a segment to the table. Bisects it until the parameter advances at a nearly constant speed.
+    /// Adds part of a segment to the table, bisected until its length grows nearly in proportion to the parameter.
     fn measure(&mut self, at: usize, ends: [(f64, View); 2], radian: f64, tiny: f64, bisections: u32) {
         let [(start, from), (end, to)] = ends;
         let middle = 0.5 * (start + end);

@@ -125,7 +125,8 @@ impl CameraPath {
         }
     }
 
-    /// Moves a key to another position in the list, at most to its end; the others keep their order.
+    /// Moves a key to another position in the list, at most to its end; the others keep their order. Does nothing if
+    /// there is no key `from`.
     pub fn reorder(&mut self, from: usize, to: usize) {
         if from < self.keys().len() {
             let keys = self.keys_mut();

@@ -48,7 +48,8 @@ pub struct Values {
 pub struct Histogram {
     /// Smallest and largest finite value; zeros if there is none.
     pub range: [f64; 2],
-    /// Number of values in each bin. The bins divide the range equally; equal values are all in the first.
+    /// Number of finite values in each bin. The bins divide the range equally; with one distinct value, all are in the
+    /// first.
     pub counts: Vec<u64>,
     /// Number of infinite and NaN values.
     pub not_finite: u64,

@@ -89,8 +89,8 @@ fn is_zero(bits: &u32) -> bool {
 
 /// Returns the number of keys that a frame sorted, from its statistics; `None` if no statistic contains it.
 ///
-/// The number is word 3 of the buffer that the pass binds as `Args`. For pairs, it is the number of needed pairs: a
-/// frame without capacity for all pairs is drawn again. In other graphs, there is a key for each visible splat.
+/// The number is word 3 of the buffer that the pass binds as `Args`. If no statistic reads that word, pairs are counted
+/// by `entries_needed` (a frame without capacity for all pairs is drawn again), and other keys by `visible`.
 pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option<u64> {
     let value = |name: &str| stats.iter().find(|(other, _)| other == name).map(|(_, value)| (*value).into());
     let Some(args) = pass.bindings.iter().find(|binding| binding.name == "Args") else {

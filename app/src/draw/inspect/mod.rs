@@ -1,8 +1,8 @@
 //! Reads the contents of a buffer or an image after a pass.
 //!
 //! A target is written `RESOURCE@PASS`, with names as in the plan's dump. Short forms are allowed. `keys` is the half
-//! of the ping-pong pair `keys#0`, `keys#1` that the pass writes. A resource's name may also lack its first parts, and
-//! `keys` may be any resource that holds depth keys. `sort.scatter`, or just `scatter`, is the last of
+//! of the ping-pong pair `keys#0`, `keys#1` that the pass writes, or else reads. A resource's name may also lack its
+//! first parts, and `keys` may be any resource that holds depth keys. `sort.scatter`, or just `scatter`, is the last of
 //! `sort.scatter[0]`, `sort.scatter[1]`, ..., and of `sort[0].scatter`, `sort[1].scatter`, ... If the resource holds
 //! depth keys, the finding reports whether the keys in use ascend.
 
@@ -137,7 +137,8 @@ pub struct Finding {
     pub resource: String,
     /// Name of the pass.
     pub pass: String,
-    /// `[count, words per element]` for a buffer, `[height, width, channels]` for an image; a trailing 1 is omitted.
+    /// `[count, words per element]` for a buffer, `[height, width, channels]` for an image; a trailing 1 is omitted. A
+    /// buffer whose stride is not a multiple of 4 bytes has `[words]`.
     pub shape: Vec<u64>,
     /// Summaries of an image's channels, or of the words of a buffer's elements; at most [`MAX_CHANNELS`].
     pub values: Vec<Values>,

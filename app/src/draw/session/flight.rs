@@ -31,7 +31,7 @@ impl SessionError {
 }
 
 impl Session {
-    /// Submits a frame. The camera has the prepared size; pinholes are converted to the graph's projection.
+    /// Submits a frame. The camera must have the prepared size; a pinhole is converted to the graph's projection.
     ///
     /// The camera is in the scene's coordinates. [`Camera::relative_to`] with the scene's
     /// [`offset`](splatgraph_assets::Scene::offset) converts the cameras of files, which are in the world's.

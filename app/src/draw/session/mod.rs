@@ -226,8 +226,8 @@ impl Session {
 
     /// Changes the graph and its parameters from the next [`Session::prepare`].
     ///
-    /// Discards frames in flight, and resets growing parameters to their defaults, so that a measurement does not
-    /// depend on earlier ones.
+    /// Discards the plan and frames in flight, and resets growing parameters to their defaults, so that a measurement
+    /// does not depend on earlier ones.
     pub fn set_graph(&mut self, pipeline: &str, set: &[(String, String)]) {
         self.pipeline = pipeline.to_owned();
         self.set = set.to_vec();
@@ -235,7 +235,7 @@ impl Session {
         self.planner.capacities = Capacities::default();
     }
 
-    /// Changes the graph like [`Session::set_graph`], after checking the graph and its parameters.
+    /// Changes the graph like [`Session::set_graph`], after checking it and its parameters for pictures of this size.
     ///
     /// # Errors
     /// The graph cannot be read, or a value is invalid. The session is then unchanged.
@@ -252,7 +252,7 @@ impl Session {
 
     /// Changes the scene from the next [`Session::prepare`].
     ///
-    /// Discards frames in flight, and resets growing parameters to their defaults.
+    /// Discards the plan and frames in flight, and resets growing parameters to their defaults.
     pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) {
         self.scene = scene.into();
         self.forget_plan();
@@ -314,8 +314,8 @@ impl Session {
         plan
     }
 
-    /// Chooses the most accurate storage that fits in the device's memory, for pictures of this size, and sets it like
-    /// [`Session::set_graph`].
+    /// Chooses the most accurate storage that fits in the device's memory and in `limit` bytes, for pictures of this
+    /// size, and sets it like [`Session::set_graph`].
     ///
     /// Returns `None` like [`Choice::within`], and if there is no limit and the scene is small for the device. The
     /// storage is then unchanged.
@@ -461,8 +461,8 @@ impl Session {
         Ok(())
     }
 
-    /// Lists the settings that have no effect in the current plan, as lines with reasons. Each setting is listed once
-    /// per session.
+    /// Lists the settings that have no effect in the current plan, as lines with reasons; empty without a plan. Each
+    /// setting is listed once per session.
     ///
     /// An unused mesh is listed as well. Call this for settings of the user: measurements set parameters regardless of
     /// their effect.

@@ -65,11 +65,12 @@ impl Image {
         }
     }
 
-    /// Returns false for a picture file that was cut after its header, for a PNG file with a wrong checksum, and for an
-    /// EXR file that cannot be unpacked.
+    /// Returns false for a picture file that was cut after its header, for a PNG file with a wrong signature or
+    /// checksum, and for an EXR file that cannot be unpacked.
     ///
     /// # Errors
-    /// The extension is not `.png`, `.exr` or `.npy`, the file cannot be read, or its header is damaged.
+    /// The extension is not `.png`, `.exr` or `.npy`, the file cannot be read, or the header of an EXR or NumPy file is
+    /// damaged.
     pub fn is_whole(path: &Path) -> Result<bool, ImageError> {
         match Format::of(path) {
             Some(Format::Png) => png::is_whole(path),
@@ -173,7 +174,8 @@ pub enum Format {
 }
 
 impl Format {
-    /// Returns the format for a path's extension, in upper or lower case; `None` if it is not a picture's.
+    /// Returns the format for a path's extension, in upper or lower case; `None` for others, also for `.jpg`, which is
+    /// only read.
     pub fn of(path: &Path) -> Option<Format> {
         [Format::Png, Format::Exr, Format::Npy].into_iter().find(|f| has_extension(path, f.extension()))
     }

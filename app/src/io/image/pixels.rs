@@ -27,7 +27,7 @@ pub enum Depth {
     Levels(u16),
     /// Floats of single precision.
     Single,
-    /// Floats of double precision.
+    /// Floats of double precision, or 32-bit integers.
     Double,
 }
 
@@ -127,7 +127,7 @@ pub struct Header {
     pub has_alpha: bool,
     /// True if there is a single channel besides alpha, as in depths.
     pub is_grey: bool,
-    /// Encoding of the colours that an EXR file declares.
+    /// Encoding that an EXR file declares for its colours; `None` if it declares none, and for other formats.
     pub encoding: Option<String>,
     /// Position of the first pixel in the frame, right and down; not (0, 0) only for some EXR files.
     pub corner: [i32; 2],

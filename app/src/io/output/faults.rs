@@ -3,7 +3,7 @@
 #[cfg(test)]
 pub use injected::*;
 
-/// Counts a step of writing a file, which a test can make fail.
+/// Marks a step of writing a file, which fails only in tests.
 #[cfg(not(test))]
 #[inline]
 pub fn step() -> std::io::Result<()> {

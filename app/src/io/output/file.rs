@@ -190,7 +190,7 @@ impl Write for Faulty<'_> {
 /// The destination that a path leads to.
 pub(super) enum Target {
     StandardOutput,
-    /// Not a regular file: written directly.
+    /// Not a regular file, or a file that a process has open: written directly.
     Direct(PathBuf),
     /// A regular file, or a path without a file, with all links followed.
     File(PathBuf),

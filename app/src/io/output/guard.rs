@@ -96,7 +96,7 @@ impl OutputGuard {
 
     /// Adds a file that the command writes. `what` is its option, such as `--json`.
     ///
-    /// Several outputs may go to one device or pipe.
+    /// Several outputs may go to one device or pipe, but only one to standard output.
     ///
     /// # Errors
     /// The file is an input or another output, or it cannot be written at this path.
@@ -161,7 +161,7 @@ fn unreachable(what: &str, path: &Path, error: &io::Error) -> Conflict {
 /// Identifies the file of an output; `None` for a device or a pipe, which several outputs may share.
 ///
 /// Also returns the file whose creation shows whether the output can be written: the output, or the outermost of its
-/// folders that do not exist.
+/// folders that do not exist. Standard output has none.
 fn place(what: &str, path: &Path) -> Result<Option<(Identity, Option<PathBuf>)>, Conflict> {
     if path.as_os_str().len() >= MAX_PATH_BYTES {
         return Err(Conflict(format!(

@@ -40,7 +40,7 @@ impl Log {
         }
     }
 
-    /// Queues a line, given without its line break, for the next [`Log::flush`].
+    /// Queues a line, given without its line break, for the next [`Log::flush`]. Escapes its control characters.
     pub fn line(&mut self, line: &str) {
         self.pending.extend_from_slice(terminal::harmless(line).as_bytes());
         self.pending.push(b'\n');

@@ -90,8 +90,8 @@ impl Page {
         self.body += "</table></div>\n";
     }
 
-    /// Adds a table that a reader can filter, and sort by each column. A column has a name and a tooltip, without the
-    /// backticks of its code.
+    /// Adds a table that a reader can filter, and sort by each column. `columns` are names and tooltips; the tooltips
+    /// are shown without their backquotes.
     ///
     /// The name of a row with pictures links to the first; a click shows all of them below the row.
     pub fn sortable(&mut self, columns: &[(&str, &str)], rows: &[Row]) {

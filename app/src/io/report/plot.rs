@@ -40,9 +40,9 @@ impl Axis {
 pub enum Form {
     /// Points joined by a line.
     Line,
-    /// Points labelled with their names.
+    /// Points without a line.
     Points,
-    /// Grey, labelled points, drawn behind the others.
+    /// Grey points, drawn behind the other series.
     Muted,
 }
 

@@ -51,7 +51,7 @@ pub fn quoted(cell: &str) -> String {
     format!("\"{}\"", cell.replace('"', "\"\""))
 }
 
-/// Adds columns to a CSV. Each has the same value in all lines, and is quoted.
+/// Adds columns to a CSV. Each has the same value, quoted, in all lines. Every line must end with a line break.
 pub fn with_columns(csv: &str, columns: &[(&str, &str)]) -> String {
     let header: String = columns.iter().map(|(name, _)| format!(",{name}")).collect();
     let cells: String = columns.iter().map(|(_, value)| format!(",{}", quoted(value))).collect();

@@ -123,10 +123,10 @@ impl Predicted {
 
 /// Lists combinations of the measured settings `singles` that are predicted near the budget, the most promising first.
 ///
-/// That is the fastest if the budget has a minimum PSNR, otherwise the most accurate. The list includes the exact
-/// settings and single changes. Only settings that change one parameter of the exact settings, and save time beyond the
-/// noise, are combined. The second list names the settings with a saving within the noise. Both lists are empty if
-/// `singles` lacks the exact settings.
+/// The most promising are the fastest if the budget has a minimum PSNR, otherwise the most accurate. The list includes
+/// the exact settings and single changes. Only settings that change one parameter of the exact settings, and save time
+/// beyond the noise, are combined. The second list names the settings with a saving within the noise. Both lists are
+/// empty if `singles` lacks the exact settings.
 pub fn combinations(singles: &[Tried], budget: &Budget) -> (Vec<Setting>, Vec<String>) {
     let Some(exact) = singles.iter().find(|tried| tried.setting.name == EXACT) else {
         return (Vec::new(), Vec::new());

@@ -143,7 +143,7 @@ pub fn study(
     Ok(Advice { budget: wanted.budget, tried, unsure })
 }
 
-/// Computes items on a thread, in order. It ends after the current item when the receiver is dropped.
+/// Computes items on a thread, in order. The thread ends after the current item when the receiver is dropped.
 fn ahead<'scope, T: Send + 'scope>(
     scope: &'scope Scope<'scope, '_>,
     items: impl Iterator<Item = T> + Send + 'scope,

@@ -184,8 +184,8 @@ impl Bench<'_> {
         all.into_iter().map(outcome).collect()
     }
 
-    /// Loads the plan for a camera, and draws a frame: the one that runs the prologue, or one in which lists grow. If a
-    /// plan was loaded, keeps the times of the passes that run once.
+    /// Loads the plan for a camera, and draws a frame, in which the prologue may run and lists may grow. If a plan was
+    /// loaded, keeps the times of the passes that run once.
     fn prepare(&self, runner: &mut Runner, camera: &Camera) -> Result<(), SessionError> {
         let session = &mut runner.session;
         let loaded = session.prepare((camera.width, camera.height), &mut |_| {})?;

@@ -24,7 +24,7 @@ pub const KEY_BITS: [u32; 3] = [16, 24, 32];
 /// Parameters of [`GRAPH`] that the study itself sets.
 pub const OWN_PARAMETERS: [&str; 2] = ["pairs", "key_bits"];
 
-/// Lists the default numbers of pairs: 64 Ki to 64 Mi in powers of 4.
+/// Lists the default numbers of pairs: the powers of 4 from 64 Ki to 64 Mi.
 pub fn usual_pairs() -> Vec<u32> {
     (8..=13).map(|power| 1 << (2 * power)).collect()
 }
@@ -169,7 +169,7 @@ impl Report {
         format!("{}\n{}{missing}", head(&self.origin, timed), table(header, lines))
     }
 
-    /// Writes every sort as CSV (RFC 4180), one per line, with all digits; missing values are empty.
+    /// Formats every sort as CSV (RFC 4180), one per line, with all digits; missing values are empty.
     pub fn csv(&self) -> String {
         let mut text = String::from(
             "pairs,key_bits,gkeys_per_s,gpu_ms,spread_ms,at_most_ms,wall_ms,bytes,of_copy,memory_bytes,failed\n",

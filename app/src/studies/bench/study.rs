@@ -13,7 +13,7 @@ pub struct Wanted {
     pub candidates: Vec<Setting>,
     /// Numbers of splats to which the scene is enlarged or cut; empty for its own number.
     pub splats: Vec<u32>,
-    /// Sizes of the pictures; `None` for the size of each camera, also if the list is empty.
+    /// Sizes of the pictures. `None` stands for the size of each camera; an empty list counts as one `None`.
     pub sizes: Vec<Option<(u32, u32)>>,
 }
 

@@ -39,7 +39,7 @@ pub struct Part {
     pub corner: [u32; 2],
     /// Number of columns and rows.
     pub size: [u32; 2],
-    /// Centroid of the part's energy, in world coordinates.
+    /// Centroid of the part's energy, in the scene's coordinates.
     pub point: [f64; 3],
     /// Mean energy of bands 1, 2 and 3 in the part, weighted by each splat's contribution to the pixels.
     pub within: [f64; 3],

@@ -57,13 +57,14 @@ pub fn mean(values: impl Iterator<Item = f64>) -> f64 {
     sum / f64::from(count.max(1))
 }
 
-/// Computes the PSNR of the mean of the views' squared errors; infinite if all are 0, or without views.
+/// Computes the PSNR of the mean of the views' squared errors; infinite if all are 0, or without views. `None` is a
+/// view without an error.
 pub fn joint_psnr(of_views: impl Iterator<Item = Option<f64>>) -> f64 {
     weighted_psnr(of_views.map(|psnr_db| (psnr_db, 1)))
 }
 
-/// Computes the PSNR of several parts together, each given as its PSNR and its number of pixels; infinite if all errors
-/// are 0, or if there are no pixels.
+/// Computes the PSNR of several parts together, each given as its PSNR (`None` without an error) and its number of
+/// pixels; infinite if all errors are 0, or if there are no pixels.
 pub fn weighted_psnr(parts: impl Iterator<Item = (Option<f64>, usize)>) -> f64 {
     let (sum, count) = parts.fold((0.0, 0), |(sum, count), (psnr_db, pixels)| {
         (sum + pixels as f64 * squared_error(psnr_db), count + pixels)

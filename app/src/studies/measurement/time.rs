@@ -18,7 +18,8 @@ use std::time::{Duration, Instant};
 pub struct Time {
     /// Milliseconds on the GPU: `share` of `exact_ms`.
     pub gpu_ms: f64,
-    /// Difference between the largest and the smallest share of the rounds, in milliseconds; `None` with one round.
+    /// Difference between the largest and the smallest share of the rounds, or without a baseline, between their times;
+    /// in milliseconds. `None` with one round.
     pub spread_ms: Option<f64>,
     /// The frame time divided by the exact settings' time in the same turns.
     pub share: Share,

@@ -107,7 +107,7 @@ fn shown_degrees(degrees: f64) -> String {
     text::decimals(degrees, 4)
 }
 
-/// Writes every step of every variant as CSV (RFC 4180), with all digits; missing values are empty.
+/// Formats every step of every variant as CSV (RFC 4180), with all digits; missing values are empty.
 pub fn csv(tracks: &[Track]) -> String {
     let mut csv = String::from(
         "variant,step,camera,degrees,pop,excess,worst,worst_x,worst_y,change,true_change,order_changes,true_order_changes\n",

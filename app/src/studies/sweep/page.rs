@@ -71,7 +71,7 @@ struct Mean {
 }
 
 impl SweepResult {
-    /// Adds measurements to a sweep without any.
+    /// Adds measurements to a sweep without any, and derives the missing views and the fitted line from them.
     pub fn with(self, steps: Vec<Step>, closer: Vec<Closer>) -> SweepResult {
         let is_measured = |name: &str| steps.iter().any(|step| step.camera == name);
         let missing = self.origin.provenance.missing(is_measured);
@@ -205,8 +205,8 @@ impl SweepResult {
         named.filter(|(_, plot, _)| plot.series.iter().any(|series| !series.points.is_empty())).collect()
     }
 
-    /// Formats the table for a terminal, with a row per step, averaged over the views, and a warning about the times of
-    /// phases.
+    /// Formats the table for a terminal, with a row per step, averaged over the views. On a CPU, a warning about the
+    /// times of phases follows.
     pub fn table(&self) -> String {
         let note = self.origin.provenance.note().map_or(String::new(), |note| format!("{note}\n"));
         text::table(self.header(), self.rows()) + &note
@@ -240,7 +240,7 @@ impl SweepResult {
         rows
     }
 
-    /// Writes every step of every view as CSV (RFC 4180); missing values are empty, and an infinite PSNR is `inf`.
+    /// Formats every step of every view as CSV (RFC 4180); missing values are empty, and an infinite PSNR is `inf`.
     pub fn csv(&self) -> String {
         let phases = self.phases();
         let mut text = String::from(

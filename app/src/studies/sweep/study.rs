@@ -29,8 +29,8 @@ pub struct Wanted {
 /// Measures quality and time with fewer and fewer splats. Also returns the pictures of the first view.
 ///
 /// # Errors
-/// The subject has no camera, the graph has errors, a picture cannot be compared, the device fails, an exact picture or
-/// a part of the scene does not fit in memory, or the listener cancels.
+/// The subject has no camera or none that sees a splat, the graph has errors, a picture cannot be compared, the device
+/// fails, an exact picture or a part of the scene does not fit in memory, or the listener cancels.
 pub fn study(
     subject: &Subject,
     wanted: &Wanted,

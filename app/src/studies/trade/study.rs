@@ -33,7 +33,8 @@ pub struct Wanted {
     pub pipeline: String,
     /// Names and values of the parameters that are the same in every setting.
     pub set: Vec<(String, String)>,
-    /// Prefixes of the names of settings; only matching settings are measured. Empty for all.
+    /// Prefixes of the names of the settings to measure; empty for all. The exact settings, and settings with rows of an
+    /// earlier run, are always measured.
     pub only: Vec<String>,
     /// Numbers of frames and rounds.
     pub frames: Frames,

@@ -135,7 +135,7 @@ pub fn table(lines: &[Line]) -> String {
     text::table(header, lines.iter().map(row))
 }
 
-/// Writes lines as CSV (RFC 4180), with all digits; missing values are empty, and an infinite PSNR is `inf`.
+/// Formats lines as CSV (RFC 4180), with all digits; missing values are empty, and an infinite PSNR is `inf`.
 pub fn csv(lines: &[Line]) -> String {
     let mut text = String::from(
         "setting,gpu_ms,spread_ms,of_exact,of_exact_low,of_exact_high,psnr_db,covered_psnr_db,ssim,flip,worst,off,inversions,gpu_bytes,pareto,same_plan",
