@@ -22,7 +22,7 @@ def array(value: Any, name: str, shape: Sequence[int | None] | None = None, dtyp
 
 
 def picture(value: Any, name: str, shape: Sequence[int | None]) -> np.ndarray:
-    """Returns a picture as `array` does, in float32. Integers of 8 and 16 bits are divided by their maximum, which is white.
+    """Returns a picture as `array` does, in float32. Values of uint8 and uint16 are divided by their maximum, which is white.
 
     Other integers raise a TypeError, because it is unknown which value is white.
     """

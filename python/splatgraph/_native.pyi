@@ -104,7 +104,7 @@ class Camera:
 
 @final
 class Plan:
-    """The plan of a graph: passes in order, barriers, memory."""
+    """The plan of a graph: passes in order, their dependencies, and memory."""
 
     @property
     def name(self) -> str: ...

@@ -205,7 +205,7 @@ class Renderer:
         """Draws a picture of each camera, in order, as `render` does.
 
         Up to `ahead` further pictures are requested in advance, so the device draws while Python works. If `cameras` raises an exception,
-        the pictures of the cameras before it come first.
+        the pictures of the cameras before it come first, and then the exception.
         """
         pending: collections.deque[_native.Pending] = collections.deque()
         failure = None
@@ -285,12 +285,12 @@ class Renderer:
 
     @property
     def plan(self) -> Plan:
-        """The plan for the device, the scene, `size` (960 x 540 without one), and the outputs of the last picture requested of the graph."""
+        """The plan for the device, the scene, `size` (960 x 540 without one), and the outputs of the last picture that this graph drew."""
         return self._engine.plan(self._size())
 
     @property
     def stats(self) -> dict[str, Any] | None:
-        """Times in milliseconds, counts and memory in bytes of the last returned picture, or None, as in `splatgraph render --json`."""
+        """Times (in ms), counts and memory (in bytes) of the last returned picture, as in `splatgraph render --json`; None before it."""
         return self._engine.stats
 
     @property

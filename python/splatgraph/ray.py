@@ -1,7 +1,7 @@
 """Draws and measures the views of scenes on many devices, with Ray: `python -m splatgraph.ray render scene.ply -c cameras.json -o out/`.
 
 Each device gets an actor, which loads a scene once and draws batches of its views with the command's own code (`_native.Job`). Results are
-files in a folder that all nodes share. A view whose file exists is skipped, so any run can be interrupted and resumed.
+files in a folder that all nodes share. A view with complete results is skipped, so any run can be interrupted and resumed.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ pub fn take<T: Number>(value: &Bound<'_, PyAny>, name: &str, shape: &[Option<usi
     Ok(Array { values: buffer.to_vec(py)?, shape: buffer.shape().to_vec() })
 }
 
-/// Copies a picture [height, width, 3] as floats, of which 1 is white. `size` is the width and height that it must have.
+/// Copies a picture [height, width, 3] as floats, with 1 for white. `size` is the required width and height, or `None`.
 ///
 /// # Errors
 /// Those of [`take`], and `TypeError` for integers other than uint8 and uint16.

@@ -23,6 +23,9 @@ use std::path::PathBuf;
 ///     name: name for files and messages.
 ///     projection: "pinhole", "orthographic", "fisheye" (equidistant) or "equirectangular". All but pinhole cameras
 ///         need a graph with the same projection.
+///
+/// Raises:
+///     ValueError: an argument has a wrong shape or range, or `viewmat` is not a rotation and a translation.
 #[pyclass(frozen, module = "splatgraph")]
 pub struct Camera(pub assets::Camera);
 
@@ -83,6 +86,9 @@ impl Camera {
     /// degrees.
     ///
     /// The direction `up` of the world is up in the picture; most scenes have y downwards.
+    ///
+    /// Raises:
+    ///     ValueError: `eye` equals `target`, `fov` is not above 0 and below 180, or the camera is invalid.
     #[staticmethod]
     #[pyo3(
         signature = (eye, target, fov = 60.0, size = (Side(960), Side(540)), up = [0.0, -1.0, 0.0], name = String::new()),
@@ -126,6 +132,9 @@ impl Camera {
     ///
     /// Lenses with distortion are refused. With `ignore_distortion`, they become ideal lenses, whose pictures do not
     /// match the photographs.
+    ///
+    /// Raises:
+    ///     SceneError: the file cannot be read, or a camera is invalid or refused.
     #[staticmethod]
     #[pyo3(signature = (path, ignore_distortion = false))]
     fn load(py: Python<'_>, path: PathBuf, ignore_distortion: bool) -> PyResult<Vec<Camera>> {
@@ -146,6 +155,9 @@ impl Camera {
     ///
     /// The speed is constant: the distance that takes as long as a rotation by one radian is half the extent of the
     /// scene. An open path begins at the first key and ends at the last.
+    ///
+    /// Raises:
+    ///     ValueError: the keys have several projections.
     #[staticmethod]
     #[pyo3(signature = (scene, keys, count, closed = false))]
     fn path(

@@ -191,7 +191,7 @@ impl Engine {
         errors::to_python(py, &info)
     }
 
-    /// Ends the thread and closes the device, after the requested pictures are done.
+    /// Ends the thread and closes the device, after the requested pictures are done. Does nothing in a fork.
     fn close(&self, py: Python<'_>) {
         let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(Thread { requests, handle, owner }) = thread {
@@ -323,7 +323,8 @@ fn serve(session: &mut Session, requests: &Receiver<Request>) {
     }
 }
 
-/// Submits the frame of a request, and builds the plan first if necessary. Returns false after an error.
+/// Submits the frame of a request, and builds the plan first if necessary. Replies with an error, and then returns
+/// false.
 fn start(session: &mut Session, flying: &mut VecDeque<(FrameId, Draw)>, draw: Draw) -> bool {
     let size = (draw.camera.width, draw.camera.height);
     if !session.is_prepared(size) {

@@ -33,10 +33,10 @@ impl Job {
         Ok(Job { views: job.views().to_vec(), job: Arc::new(Mutex::new(Some(job))) })
     }
 
-    /// Processes the views with these indices, except for views whose files exist.
+    /// Processes the views with these indices, except for views with complete results of the same inputs.
     ///
-    /// Returns: The indices done now, the indices done before, and the failed indices with the reason. After Ctrl-C, the
-    /// views are finished in the background.
+    /// Returns: The indices done now, the indices done before, and the failed indices with the reason. After Ctrl-C,
+    /// the views are finished in the background.
     fn run(&self, py: Python<'_>, views: Vec<usize>) -> PyResult<Ran> {
         if let Some(view) = views.iter().find(|view| **view >= self.views.len()) {
             return Err(PyValueError::new_err(format!(
@@ -54,7 +54,7 @@ impl Job {
         Ok((done, kept, failed))
     }
 
-    /// Closes the device, after the views that are still drawn.
+    /// Waits for a call of `run` in progress, and closes the device. Later calls of `run` fail.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
         let job = Arc::clone(&self.job);
         wait::run(py, move || {

@@ -10,7 +10,7 @@ use splatgraph::draw::planner::Planner;
 use splatgraph_framework::dump;
 use splatgraph_framework::plan as framework;
 
-/// The plan of a graph: passes in order, barriers, memory.
+/// The plan of a graph: passes in order, their dependencies, and memory.
 #[pyclass(frozen, module = "splatgraph")]
 pub struct Plan(pub framework::Plan);
 
@@ -28,7 +28,7 @@ impl Plan {
         self.0.passes.iter().map(|pass| pass.name.clone()).collect()
     }
 
-    /// Returns the plan as JSON; docs/dump.md documents the fields.
+    /// Returns the plan as JSON, without barriers; docs/dump.md documents the fields.
     fn to_json(&self) -> String {
         format!("{:#}", dump::json(&dump::dump(&self.0)))
     }
@@ -73,7 +73,8 @@ impl Plan {
 ///     params: names and values of parameters, as text.
 ///     scene: the scene whose facts the plan is for; without one, a million splats with harmonics of degree 3.
 ///     size: size of the pictures, in pixels.
-///     subgroup_size: invocations per subgroup: 4, 8, 16, 32, 64 or 128. 32 on most GPUs, 64 or 128 on some, 4 to 16 on CPUs.
+///     subgroup_size: invocations per subgroup: 4, 8, 16, 32, 64 or 128. 32 on most GPUs, 64 or 128 on some, 4 to 16 on
+///         CPUs.
 ///
 /// Raises:
 ///     ValueError: `subgroup_size` is not one of these.

@@ -33,7 +33,10 @@ impl Scene {
     /// Loads a scene file of any format, recognised by its bytes; a folder of SOG; or a list of scenes (.ron).
     /// docs/formats.md lists the formats.
     ///
-    /// Warns (`UserWarning`) of positions that float32 rounds too coarsely so far from 0.
+    /// Warns (`UserWarning`) of positions so far from 0 that float32 rounds them coarsely.
+    ///
+    /// Raises:
+    ///     SceneError: the file is not a scene, or cannot be read.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Scene> {
         let name = path.display().to_string();
@@ -53,10 +56,11 @@ impl Scene {
     ///     sh: spherical harmonics, [N, K, 3] with K = 1, 4, 9 or 16; a colour c is 0.5 + 0.28209 * sh[:, 0].
     ///
     /// Splats with values that are not finite or a quaternion of 0 are dropped: see `dropped`. Warns (`UserWarning`) of
-    /// float32 means that are too coarse so far from 0.
+    /// float32 means so far from 0 that they are coarse.
     ///
     /// Raises:
     ///     ValueError: an array has a wrong shape, an opacity is not in 0 to 1, or a scale is negative.
+    ///     TypeError: an argument is not an array of numbers.
     #[staticmethod]
     #[pyo3(
         signature = (means, quats, scales, opacities, sh, *, _checked = true),
@@ -128,6 +132,10 @@ impl Scene {
     ///
     /// Warns (`UserWarning`) of what else a file lacks, such as a mesh. A .glb always lacks the order by depth: the
     /// scene that is loaded from it is drawn in the order of the distance from the camera.
+    ///
+    /// Raises:
+    ///     ValueError: the extension is not one of these.
+    ///     SceneError: the scene has no splats, or the file cannot be written.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let format = scene_file::format_of(&path)
             .map_err(|message| PyValueError::new_err(format!("path: {message}")))?;
@@ -172,7 +180,7 @@ impl Scene {
         give(py, self.0.opacities(), &[self.0.count() as usize])
     }
 
-    /// Spherical harmonics, float32 [N, K, 3] with K = (degree + 1)^2. A copy.
+    /// Spherical harmonics, float32 [N, K, 3], with K = 1, 4, 9 or 16 as stored: at least (sh_degree + 1)^2. A copy.
     #[getter]
     fn sh<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let bases = assets::sh_floats(self.0.stored_degree()) / 3;

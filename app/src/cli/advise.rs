@@ -195,7 +195,7 @@ fn some(names: &[String]) -> String {
     if more == 0 { named } else { format!("{named}; and {more} more") }
 }
 
-/// Formats the settings that are within the noise, by ascending measured time; empty if there are none.
+/// Formats the settings that noise hides: `hidden` by ascending time, then `unsure` as given. Empty if there are none.
 fn noise(found: Option<&Tried>, hidden: &[&Tried], unsure: &[String]) -> String {
     let mut text = String::new();
     if !hidden.is_empty() {

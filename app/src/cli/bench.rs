@@ -145,8 +145,8 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
     Ok(!report.is_empty())
 }
 
-/// Rejects graphs and parameters that are invalid both on this device and on the least capable supported one. Prints
-/// the settings without an effect.
+/// Rejects graphs and parameters that are invalid both on this device and on the least capable supported one, for the
+/// first scene and size. Prints the settings without an effect.
 ///
 /// A graph that needs a feature of another device is not an error: it becomes a row with the reason.
 fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
@@ -247,7 +247,7 @@ pub(super) struct Work {
     stems: Vec<String>,
 }
 
-/// Reads the cameras, and checks the files of the command line.
+/// Checks the options and files of the command line, and reads the cameras.
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     let scenes = args.scenes.len().max(1);
     if args.cameras.len() > 1 && args.cameras.len() != scenes {

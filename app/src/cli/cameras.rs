@@ -20,7 +20,7 @@ fn beside(spec: Option<&str>, scene: Option<&Path>) -> Option<PathBuf> {
 /// Prints which file beside the scene is used, or why it is not. Returns `None` if no camera is usable.
 ///
 /// # Errors
-/// The file of `--cameras` cannot be read, or holds no cameras.
+/// `spec` is invalid, cannot be read, or has no cameras; see [`parse`].
 pub fn load(
     spec: Option<&str>,
     scene: Option<&Path>,
@@ -80,8 +80,8 @@ pub fn load_beside(file: &Path) -> Option<Vec<Camera>> {
     cameras.inspect_err(told).ok()
 }
 
-/// Registers the file of `--cameras`, or else the one beside the scene, as an input, so that no output can overwrite
-/// it.
+/// Registers the files of `--cameras` and their photographs, or else the file beside the scene, as inputs, so that no
+/// output can overwrite them.
 pub fn claim(guard: &mut OutputGuard, spec: Option<&str>, scene: Option<&Path>) -> Result<(), Usage> {
     if let Some(spec) = spec {
         return claim_file(guard, spec);
@@ -160,8 +160,8 @@ pub fn tell_masks(dataset: &Dataset) {
     }
 }
 
-/// Registers the files of a dataset, given as `PATH` or `PATH#INDEX`, and its photographs as inputs. Does nothing for
-/// the text of a `cameras.json`, and for a dataset that cannot be read.
+/// Registers the files of a dataset, given as in [`parse`], and its photographs as inputs. Does nothing for the text of
+/// a `cameras.json`, and for a dataset that cannot be read.
 pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     if is_json(cameras) {
         return Ok(());
@@ -186,7 +186,7 @@ pub fn claim_dataset(guard: &mut OutputGuard, dataset: &Dataset) -> Result<(), U
     folder.map_or(Ok(()), |folder| claim_photographs(guard, folder, &dataset.views))
 }
 
-/// Registers the photographs of all views in a folder as inputs.
+/// Registers the photograph of each view in `folder` as an input, if it exists.
 pub fn claim_photographs(guard: &mut OutputGuard, folder: &Path, views: &[View]) -> Result<(), Usage> {
     for view in views {
         // A photograph outside of the dataset is refused as an input, but no output may overwrite it either.

@@ -286,7 +286,7 @@ enum Drawer {
 impl Drawer {
     /// Loads the scene, unless it is given, while the device is opened. The exact renderer needs no device.
     ///
-    /// Prepares the plan for the first view that can be drawn.
+    /// Prepares the plan for the first view that can be drawn, and registers the graph's files as inputs.
     fn open(args: &Args, work: &mut Work, scene: Option<Arc<Scene>>) -> Result<Drawer> {
         let load = |cancel: &_| {
             let load = || loading::load_scene_unless(cancel, &args.scene, &args.load).map(Arc::new);
@@ -355,8 +355,8 @@ fn request(args: &Args) -> Json {
 }
 
 /// Describes what the scores depend on besides the request: the program, the device, the graph that is drawn, and how
-/// photographs are made smaller. The device and the graph are null for the exact renderer, and the graph if no view can
-/// be drawn.
+/// photographs are made smaller. For the exact renderer, the device and the graph are null; if no view can be drawn,
+/// the graph is.
 fn origin(drawer: &mut Drawer, downscaled: Option<&str>) -> Result<Json> {
     let (device, plan) = match drawer {
         Drawer::Reference(_) => (None, None),
@@ -578,11 +578,11 @@ fn check_scales(origin: &job::Origin, parts: &[Part], missing: &[usize]) -> Resu
     Ok(())
 }
 
-/// Prints the scores that several processes computed, and writes them as JSON. `missing` has the indices of the views
-/// without scores.
+/// Prints the scores that several processes computed, and writes them to `scores.json` in `output`. `missing` has the
+/// indices of the views without scores.
 ///
 /// # Errors
-/// The origin has no request, the sizes of the photographs differ, or the file cannot be written.
+/// The origin has no request, the pictures differ in scale, or the file cannot be written.
 pub fn merge(manifest: &Manifest, parts: Vec<Part>, missing: &[usize], output: &Path) -> Result<()> {
     let origin = &manifest.origin;
     check_scales(origin, &parts, missing)?;

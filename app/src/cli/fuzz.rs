@@ -109,7 +109,7 @@ fn no_command_line_panics_before_its_work_or_changes_a_file() {
     assert!(options::size("1x1").is_ok());
 }
 
-/// Puts `folder` before the file name that a word, or the value of its option, may be.
+/// Puts `folder` before a word, or before the value of `--option=value`, if it is the name of a file.
 fn in_folder(folder: &Path, word: &str) -> String {
     let (option, value) = match word.split_once('=') {
         Some((option, value)) if option.starts_with('-') => (format!("{option}="), value),

@@ -13,7 +13,7 @@ pub fn domain(domain: &Domain) -> String {
 
 /// Formats a list of names and descriptions in two columns, for the help text.
 pub fn two_columns(rows: Vec<(String, String)>) -> String {
-    /// Width of the table, in columns.
+    /// Maximum width of a line, in characters. Only a longer word exceeds it.
     const COLUMNS: usize = 98;
     let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     let mut lines: Vec<String> = Vec::new();

@@ -2,8 +2,8 @@
 //!
 //! The views of `render`, `trade`, `sweep` and `evaluate` are independent. Each writes its own files, which are either
 //! complete or absent. Therefore, any number of processes may share the views, in any order: `--shard 2/8` does every
-//! eighth view, and the Python package distributes views to the workers of a cluster ([`Job`]). A view that has all its
-//! files is skipped.
+//! eighth view, and the Python package distributes views to the workers of a cluster ([`Job`]). A view is skipped if
+//! all its files exist, are undamaged and match the inputs.
 //!
 //! `job.json` in the folder names the views and all inputs that determine their results, independent of how a command
 //! line spells them. A job with another description is rejected. `merge` reads the description, joins the results, and
@@ -68,7 +68,7 @@ pub struct ShardArgs {
     pub shard: Option<Shard>,
 }
 
-/// Inputs that determine the results of views, by their names in messages. Also contains [`REQUEST`].
+/// Inputs that determine the results of views, by their names in messages. May also contain [`REQUEST`].
 pub type Origin = Map<String, Json>;
 
 /// Entry of an [`Origin`] with the scene's tags, which `--ignore-tags` changes. Earlier versions did not record it.
@@ -81,7 +81,7 @@ pub const REQUEST: &str = "request";
 /// Reads the [`REQUEST`] of a description.
 ///
 /// # Errors
-/// An earlier version of the program wrote the description, with other fields.
+/// The request is absent or has other fields, because an earlier version of the program wrote it.
 pub fn request<T: DeserializeOwned>(origin: &Origin) -> Result<T> {
     serde_json::from_value(origin.get(REQUEST).cloned().unwrap_or_default()).context(
         "expected results of this version of the program, found those of an earlier one: run all shards again in another folder",
@@ -115,10 +115,10 @@ pub trait Work: Send {
     /// Loads the scene and opens the device. Returns the inputs that determine the results.
     ///
     /// # Errors
-    /// The scene cannot be loaded, or there is no device.
+    /// The scene cannot be loaded, there is no device, or the graph is invalid.
     fn open(&mut self) -> Result<Origin>;
 
-    /// Does the views with these indices and writes their files.
+    /// Does the views with these indices and writes their files. Call [`Work::open`] first.
     ///
     /// # Errors
     /// A view failed. Close and reopen the work before the next call.
@@ -148,7 +148,7 @@ impl Manifest {
     /// Reads the description in a folder.
     ///
     /// # Errors
-    /// The folder has no description, or one from another version of the program.
+    /// The folder has no valid description, or one from an earlier version of the program.
     pub fn read(folder: &Path) -> Result<Manifest> {
         let path = folder.join(MANIFEST);
         let text = own_file::read(&path)
@@ -164,7 +164,7 @@ impl Manifest {
         Ok(found)
     }
 
-    /// Writes the description into a folder, or checks that the folder has an equal one.
+    /// Writes the description into a folder, or checks that the folder has one that is equal except for [`REQUEST`].
     ///
     /// # Errors
     /// The folder has results of another request or without a description, or the file cannot be read or written.
@@ -207,8 +207,9 @@ impl Manifest {
         }
     }
 
-    /// Names the inputs that differ from another description's; only the command if that differs. Files outside of the
-    /// folder are compared by file name only, because each folder has its own.
+    /// Names the differences from another description: only the command if it differs, otherwise the inputs except
+    /// [`REQUEST`], and the views or else their files. Files outside of the folder are compared by file name only,
+    /// because each folder has its own.
     pub fn changes(&self, other: &Manifest) -> Vec<String> {
         if self.command != other.command {
             return vec!["command".into()];
@@ -264,8 +265,8 @@ impl Job {
         &self.outputs.views
     }
 
-    /// Does the views that have no result yet. A failed view does not stop the others, and its files are removed; see
-    /// [`Ran::failed`].
+    /// Does the views without current, undamaged results. `views` are indices into [`Job::views`]. A failed view does
+    /// not stop the others, and its files are removed; see [`Ran::failed`].
     ///
     /// # Errors
     /// The scene cannot be loaded, there is no device, the folder has results of another request, or the files of a
@@ -282,7 +283,7 @@ impl Job {
         }
         while !missing.is_empty() {
             // Several frames are in flight, so an error does not identify its view. After an error, views are drawn one
-            // at a time.
+            // at a time until the failed one is found.
             if missing.len() > 1 && self.draw(&missing).is_ok() {
                 ran.done.append(&mut missing);
                 break;
@@ -348,7 +349,7 @@ impl Job {
     }
 }
 
-/// Does the views of a shard and reports the failures.
+/// Does the views of a shard and reports the failures. With `validate`, validation messages are a failure.
 ///
 /// # Errors
 /// See [`Job::run`].

@@ -105,7 +105,8 @@ pub fn find(wanted: &str) -> Result<Option<Target>> {
     from_json(wanted, &text).with_context(|| format!("{wanted} does not describe a device")).map(Some)
 }
 
-/// Parses device facts from a list of devices (the first one counts), from one device, or from the facts alone.
+/// Parses device facts from a list of devices (the first one counts), from one device, or from the facts alone. `name`
+/// is used if the text names no device.
 fn from_json(name: &str, text: &[u8]) -> Result<Target> {
     let value: Value = serde_json::from_slice(text)?;
     let device = match &value {

@@ -49,7 +49,7 @@ pub fn load_scene(path: &Path, load: &LoadOptions) -> Result<Scene> {
     load_scene_unless(&NEVER, path, load)
 }
 
-/// Loads a scene and shows the progress. Fails soon after `cancel` becomes true, and for a file with only a mesh.
+/// Loads a scene; see [`load_any_unless`]. Fails soon after `cancel` becomes true, and for a file with only a mesh.
 pub fn load_scene_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> Result<Scene> {
     match load_any_unless(cancel, path, load)? {
         Content::Splats(scene) => Ok(*scene),
@@ -105,8 +105,8 @@ pub fn nearby(error: &LoadError) -> Option<PathBuf> {
 /// Loads the scene at `path`, or the demo scene for `None`. Returns the scene, its path, and the demo scene's camera;
 /// `None` for a scene at `path`.
 ///
-/// The demo scene is generated, and written to its path, unless its file can be loaded. Setting `cancel` stops the load
-/// of a scene file, but not of the demo scene.
+/// The demo scene is generated, and written to its path if possible, unless its file can be loaded. With a level, which
+/// the demo scene lacks, loading fails. Setting `cancel` stops the load of a scene file, but not of the demo scene.
 pub fn scene_or_demo(
     cancel: &AtomicBool,
     path: Option<&Path>,
@@ -165,7 +165,8 @@ pub fn scene_name(path: Option<&Path>) -> String {
     path.map_or_else(|| demo::NAME.to_owned(), |path| path.display().to_string())
 }
 
-/// Loads the scene and its cameras, and resizes the cameras' pictures to `size`, if it is given.
+/// Loads the scene at `path`, or the demo scene, and prepares its cameras; see [`cameras_of`]. Without `given`, uses
+/// the demo scene's camera, or frames the scene.
 ///
 /// A camera with an empty or duplicate name gets a unique one, as a file name of at most `room` bytes.
 pub fn scene_and_cameras(
@@ -239,7 +240,8 @@ pub fn stray_cameras(cameras: &[Camera], scene: &Scene) -> Option<String> {
     ))
 }
 
-/// Reports that `blind` of `of` cameras see no splat, and which options frame the scene.
+/// Reports that `blind` of `of` cameras see no splat, unless `blind` is 0. If the scene has visible splats, also names
+/// the options that frame it.
 pub fn tell_blind(scene: &Scene, blind: usize, of: usize) {
     let advice = match blind::is_invisible(scene) {
         true => "",

@@ -17,7 +17,8 @@ pub struct LookAtArgs {
     /// Point to look at [default: the middle of the scene; for a panorama, that direction along the horizon]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
     target: Option<[f64; 3]>,
-    /// World direction that points up in the picture: an axis such as z or -y, or a vector [default: the scene's, or -y]
+    /// World direction that points up in the picture: an axis such as z or -y, or a vector [default: the scene's, or
+    /// -y]
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true, value_parser = direction, conflicts_with = "cameras")]
     up: Option<[f64; 3]>,
     /// Horizontal field of view, in degrees: up to 179, or 360 for a fisheye [default: 60 across the longer side]
@@ -125,8 +126,8 @@ impl LookAtArgs {
     /// Computes the circle through the eye around the axis `--up`, in the scene's coordinates.
     ///
     /// Without `--eye`, the first camera has the position of [`Camera::framing_upright`] with the field of view of
-    /// `--fov`, or of [`Camera::framing_around`] if the camera `turns`. Without `--eye`, `--fov` and `--target`, it also
-    /// enlarges a small scene as that camera does.
+    /// `--fov` (for a fisheye, at most the default one), or of [`Camera::framing_around`] if the camera `turns`.
+    /// Without `--eye`, `--fov` and `--target`, it also enlarges a small scene as that camera does.
     ///
     /// # Errors
     /// The eye and the target coincide, or are too far away to draw. `--fov` is invalid for the projection.
@@ -143,8 +144,8 @@ impl LookAtArgs {
         let up = self.up.unwrap_or(scene.up());
         let framed = if turns { Camera::framing_around } else { Camera::framing_upright };
         let fov = self.fov.map(|fov| match projection {
-            // With the same wide field of view, a fisheye shows the middle larger than a pinhole, which could cut the
-            // scene off above and below. The distance for the default field of view suits both.
+            // With the same wide field of view, a fisheye shows the middle larger than a pinhole does, and could cut
+            // the scene off above and below. The distance for the default field of view suits both.
             Projection::Fisheye => fov.min(default_fov(size)),
             _ => fov.min(MAX_FLAT_FOV),
         });

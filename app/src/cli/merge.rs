@@ -51,7 +51,7 @@ pub(super) fn prepare(args: &Args) -> Result<Vec<Manifest>> {
     Ok(manifests)
 }
 
-/// Number of missing views that are named: of an interrupted job, thousands may be missing.
+/// Maximum number of missing views to name. An interrupted job can miss thousands.
 const MAX_NAMED: usize = 10;
 
 pub fn run(args: &Args) -> Result<Outcome> {

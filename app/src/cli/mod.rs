@@ -189,7 +189,7 @@ impl Command {
 /// The folders of `--include-root` stay allowed until the process ends.
 ///
 /// # Errors
-/// The command has no views to share, its arguments are invalid, or they include `--shard`.
+/// The command has no views to share, its arguments or cameras are invalid, or `--shard` is among the arguments.
 pub fn job(arguments: &[OsString]) -> anyhow::Result<Job> {
     let words = [OsString::from("splatgraph")].into_iter().chain(arguments.iter().cloned());
     let cli = Cli::try_parse_from(words)?;
@@ -214,8 +214,9 @@ pub fn main() -> ExitCode {
 
 /// Runs the program with `arguments`, of which the first is its name, and returns the exit code.
 ///
-/// `worker` compiles shaders in another process; `store` caches them between runs. Ends the process instead of
-/// returning if a compiler thread was abandoned or a window's device was left open.
+/// Without `worker`, shaders are compiled in this process; without `store`, they are not cached between runs. Installs
+/// signal handlers and builds rayon's global pool. Ends the process instead of returning if a compiler thread was
+/// abandoned or a window's device was left open.
 pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<ShaderCache>) -> u8 {
     let begun = Instant::now();
     output::signals::end_cleanly();

@@ -337,8 +337,8 @@ pub fn command_line() -> String {
     std::env::args_os().map(|word| shell_word(&word.to_string_lossy())).collect::<Vec<_>>().join(" ")
 }
 
-/// Converts a path to text for JSON, lossily. Serde refuses a [`PathBuf`] that is not valid UTF-8, and `json!` panics
-/// on it.
+/// Converts a path to text for JSON, lossily. Serde refuses a [`Path`] that is not valid UTF-8, and `json!` panics on
+/// it.
 pub fn text_of(path: &Path) -> String {
     path.display().to_string()
 }

@@ -77,7 +77,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Returns the device `wanted`. `None` is the default device, or without one the least capable supported device.
+/// Returns the device `wanted`. `None` is the default device; if there is none, prints so and returns the least capable
+/// supported device.
 fn device(wanted: Option<&str>) -> Result<Target> {
     match options::target(wanted) {
         Err(_) if wanted.is_none() => {

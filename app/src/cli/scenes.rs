@@ -48,8 +48,7 @@ impl ScenesArgs {
         self.more.iter().try_for_each(|path| Ok(guard.scene("a further scene", path)?))
     }
 
-    /// Tells that every frame of a film shows all scenes, if there are several: a film of one scene per frame is made by
-    /// other commands.
+    /// Formats the note that every picture of a film shows all scenes; `None` for a single scene.
     pub fn note_superimposed(&self) -> Option<String> {
         let count = self.more.len() + 1;
         let text =
@@ -75,7 +74,8 @@ impl ScenesArgs {
         self.scene.iter().try_for_each(|path| fit::check_header(path, &load, device, pipeline, set))
     }
 
-    /// Adds how many splats would fit to an error about memory, if there is one scene. `session` draws it at this size.
+    /// Adds how many splats would fit to an error about memory, if exactly one scene is named. `session` draws it at
+    /// this size; `limit` is that of `--memory`, in bytes.
     pub fn too_large(
         &self,
         error: StorageError,

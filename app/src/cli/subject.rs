@@ -13,7 +13,7 @@ use std::path::Path;
 /// Loads the scene at `path`, or the demo scene, and its cameras; see [`loading::scene_and_cameras`].
 ///
 /// # Errors
-/// The scene cannot be loaded, or its header shows that it is too large to draw it with one of the settings.
+/// The scene cannot be loaded, or its header shows that it is too large for one of the settings.
 pub fn load(
     device: Backend,
     (path, load): (Option<&Path>, &LoadOptions),

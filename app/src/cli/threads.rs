@@ -2,7 +2,7 @@
 //!
 //! rayon's pool panics at its first use if one of its threads cannot be started, for example under `ulimit -u` or
 //! `ulimit -v`. After a failed attempt, the global pool cannot be built again. Therefore, the threads are started
-//! first, and the pool gets the threads that did start.
+//! first, and the pool gets half of those that did start.
 
 use rayon::{ThreadBuilder, ThreadPoolBuilder};
 use std::io;

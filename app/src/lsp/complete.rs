@@ -34,7 +34,8 @@ impl Workspace {
         of(&path).or_else(|_| of(included)).unwrap_or_default()
     }
 
-    /// Lists the ports of the graph that the graph at `path` includes, each with a description.
+    /// Lists the ports of `included`, a graph that the graph at `path` includes, each with a description; empty if
+    /// `included` is no valid `Graph`.
     fn ports(&mut self, path: &Path, included: &str) -> Vec<(String, String)> {
         let from = self.planner.file(None, &path.display().to_string(), Kind::Graph);
         let Some(file) = self.planner.file(from, included, Kind::Graph) else { return Vec::new() };

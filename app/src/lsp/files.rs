@@ -7,7 +7,7 @@ use splatgraph_framework::source;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Names of the folders in which graphs and shaders are found from the folders beside them.
+/// Names of the folders whose graphs and shaders the folders beside them may use.
 const LIBRARIES: [&str; 2] = ["pipelines", "shaders"];
 
 /// Subgroup sizes for which graphs are built: the usual ones of GPUs and of CPUs.
@@ -37,13 +37,13 @@ pub fn canonical(path: &Path) -> PathBuf {
     if path.is_absolute() { source::canonical(path) } else { path.to_owned() }
 }
 
-/// A search for the graphs that may use files. It visits each folder once.
+/// A search for the graphs that may use files. It lists a folder again only if more levels below it are needed.
 ///
 /// A graph may use the files below its own folder, and those in the folders `pipelines` and `shaders` that are around
 /// or beside its own. So no search of the whole disk is needed.
 #[derive(Default)]
 pub struct Search {
-    /// The folders that were listed, and the number of levels below them that were, too.
+    /// Listed folders, each with the number of levels below it that were also listed.
     listed: BTreeMap<PathBuf, usize>,
 }
 

@@ -51,13 +51,13 @@ pub(super) struct Built {
     pub changed: String,
     /// Dump of the first plan; `None` if none could be built.
     dump: Option<Dump>,
-    /// True for a part, which is not built on its own to the end.
+    /// True for a part, which has errors when it is built alone.
     is_part: bool,
     /// True once the text was meant as a graph: it stays one if it is emptied.
     was_graph: bool,
     /// The diagnostics, each with its file.
     diagnostics: Vec<(PathBuf, Diagnostic)>,
-    /// Paths that the build looked up, as they were and canonical. The paths of missing files are included.
+    /// Paths that the build looked up, including those of missing files: each as written, and canonical.
     files: BTreeSet<PathBuf>,
 }
 
@@ -161,8 +161,8 @@ impl Workspace {
         best
     }
 
-    /// Lists the diagnostics of each file. Every open graph that was built has an entry in the result, even if it has no
-    /// diagnostics. Closed graphs show only what is in open files.
+    /// Lists the diagnostics of each file. Every open graph that was built has an entry in the result, even if it has
+    /// no diagnostics. Closed graphs show only what is in open files.
     pub fn diagnostics(&self) -> BTreeMap<PathBuf, Vec<Diagnostic>> {
         let mut found: BTreeMap<PathBuf, Vec<Diagnostic>> = BTreeMap::new();
         for (graph, built) in &self.built {
@@ -182,7 +182,7 @@ impl Workspace {
         found
     }
 
-    /// Returns true if a graph that is still to be built had diagnostics in a file, whose positions are out of date.
+    /// Returns true if a queued graph has diagnostics in the file from its last build. Their positions are out of date.
     pub fn is_outdated(&self, file: &Path) -> bool {
         let has = |built: &Built| built.diagnostics.iter().any(|(other, _)| other == file);
         self.queue.iter().filter_map(|graph| self.built.get(graph)).any(has)
@@ -210,7 +210,8 @@ impl Workspace {
     }
 
     /// Builds a graph for a GPU and for a CPU. Graphs of a choice that neither draws are built for devices that meet
-    /// their requirements. Returns the first errors, or the warnings if there are no errors.
+    /// their requirements. Returns the first errors, or the warnings if there are no errors. For a part, leaves out
+    /// [`ONLY_OF_PARTS`].
     fn check(&mut self, path: &Path) -> Vec<PlainDiagnostic> {
         let graph = path.display().to_string();
         match self.warnings(path, &graph) {
@@ -266,7 +267,7 @@ impl Workspace {
     }
 
     /// Describes the names that the includes of a graph provide besides their resources: the output,
-    /// `include.picture`, and the `let`s that choose a resource.
+    /// `include.picture`, and the `let`s that choose one of `resources`, the plan's resources with descriptions.
     pub(super) fn names_of_includes(
         &mut self,
         graph: &str,
@@ -365,7 +366,7 @@ impl Workspace {
         places.filter_map(|(place, _)| self.location(&index, place)).collect()
     }
 
-    /// Returns the range and the text of the name at a byte offset; `None` if no graph declares a name there.
+    /// Returns the range and the text of the name at a byte offset; `None` if no graph declares such a name.
     pub fn renamed_name(&mut self, path: &Path, offset: usize) -> Option<(Range, String)> {
         let index = self.index(path);
         let (place, _, _) = index.name_at(&in_index(path), offset)?;
@@ -435,7 +436,8 @@ impl Workspace {
         (file, Diagnostic { range, severity: Some(severity), source, message, ..Diagnostic::default() })
     }
 
-    /// Returns the path under which the editor opened a file, or otherwise its canonical path.
+    /// Returns the path under which the editor opened a file, or otherwise its canonical path. Relative paths, which
+    /// built-in files have, stay unchanged.
     fn as_opened(&self, path: PathBuf) -> PathBuf {
         if self.open.contains_key(&path) || !path.is_absolute() {
             return path;
@@ -456,7 +458,7 @@ fn in_index(path: &Path) -> String {
     files::canonical(path).display().to_string()
 }
 
-/// Messages of the errors that every part has when it is built alone.
+/// Messages of the errors that a part has only because it is built alone.
 const ONLY_OF_PARTS: [&str; 2] = ["this graph is made to be included", "this graph has no output"];
 
 /// Describes the resources of a plan, by the names in its graph. Resources that no graph names are left out.

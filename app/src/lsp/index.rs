@@ -38,7 +38,7 @@ struct Found {
     end: usize,
     form: Form,
     declarations: IndexSet<usize>,
-    /// Whole files, or declarations in shaders, that the name refers to.
+    /// Definitions that are not renamed with the name: whole files, words of shaders, and the output of an include.
     places: Vec<Place>,
 }
 
@@ -87,8 +87,8 @@ pub struct Index {
 }
 
 impl Index {
-    /// Indexes a file, some graphs, and the files that they name or that may name them, directly or indirectly. The paths
-    /// are canonical.
+    /// Indexes a file, some graphs, and the files that they name or that may name them, directly or indirectly. The
+    /// paths are canonical.
     pub fn of(planner: &mut Planner, path: &Path, graphs: Vec<PathBuf>) -> Index {
         let mut index = Index {
             paths: HashMap::new(),
@@ -233,7 +233,7 @@ impl Index {
         at
     }
 
-    /// Returns the declarations in graphs that a name refers to, and the files or the declarations in shaders.
+    /// Returns the declarations that a name refers to, and its other definitions; see [`Found::places`].
     fn meant(&self, file: FileId, mention: &Mention) -> (Vec<usize>, Vec<Place>) {
         let graph = &self.graphs[&file];
         let name = mention.name.as_str();
@@ -491,7 +491,7 @@ impl Index {
         Some((place, &declared.name, found.form))
     }
 
-    /// Lists all occurrences, in all files, of the name at a byte offset, sorted.
+    /// Lists all occurrences, in all files, of the name at a byte offset, sorted; empty if no graph declares it.
     pub fn places(&self, path: &str, offset: usize) -> Vec<(Place, Form)> {
         let Some(class) = self.at(path, offset).and_then(|(_, found)| found.declarations.first()) else {
             return Vec::new();

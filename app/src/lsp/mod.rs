@@ -1,7 +1,8 @@
 //! Implements the language server: errors, completion and hints while a graph or a shader is edited.
 //!
 //! Diagnostics are the errors and warnings of `splatgraph check` for two subgroup sizes, without the replay of
-//! barriers. The open graphs that depend on a changed file are rebuilt, with the editor's text in place of the file's.
+//! barriers. A change rebuilds the open graphs that depend on the file, and closed graphs that use an open shader or
+//! part. For open files, the editor's text replaces that on the disk.
 
 mod complete;
 mod cursor;
@@ -236,7 +237,7 @@ impl Server {
         let waiting = self.shown.iter().filter(|(path, _)| self.workspace.is_waiting(path));
         found.extend(waiting.map(|(path, shown)| (path.clone(), shown.clone())));
         let gone = self.shown.keys().filter(|path| !found.contains_key(*path)).cloned().collect::<Vec<_>>();
-        // Files with diagnostics of graphs that are still to be built are published after these.
+        // Files with diagnostics of queued graphs are published once those graphs are built.
         let outdated =
             found.keys().filter(|path| self.workspace.is_outdated(path)).cloned().collect::<Vec<_>>();
         for path in outdated {

@@ -22,7 +22,7 @@ const FORBIDDEN: &AsciiSet = &CONTROLS
     .add(b'|')
     .add(b'}');
 
-/// Percent-encodes what RFC 3986 forbids in the URIs of a message, because [`Uri`] rejects it.
+/// Percent-encodes what RFC 3986 forbids in the fields `uri` and `rootUri` of a message, because [`Uri`] rejects it.
 pub fn with_strict_uris(mut params: Value) -> Value {
     fn visit(value: &mut Value) {
         match value {

@@ -184,7 +184,7 @@ fn as_json(
 enum Verdict {
     /// Correct, with a summary.
     Right(String),
-    /// A named device does not meet these requirements.
+    /// The requirements that a device does not meet, or the limits that the plan exceeds.
     Lacking(String),
     /// No facts were found that meet the requirements; with a summary, and the requirements as errors.
     Unchecked(String, GraphErrors),
@@ -197,7 +197,7 @@ type CheckResult = Result<Verdict, GraphErrors>;
 enum Warning {
     /// Warnings about a plan, as rendered text with source lines and as plain data.
     Plan { text: String, plain: Vec<PlainDiagnostic> },
-    /// Unmet requirements of a graph of a choice that was not checked. The summary names it, too.
+    /// Unmet requirements of an unchecked graph of a choice. The summary names the graph, too.
     Unchecked(Vec<PlainDiagnostic>),
     /// A setting without an effect, after the subgroup widths to which this applies.
     Setting(String),
@@ -207,9 +207,9 @@ enum Warning {
 /// choice that are drawn on none of the devices, and graphs whose requirements the smallest device does not meet, are
 /// built for a device or a scene that meets them.
 ///
-/// Returns a verdict with a line for each group of devices with equal results. If a device has violations or errors,
-/// or is named and does not meet the graph's requirements, returns the verdict on the first such device instead. If no
-/// graph was built at all, returns [`Verdict::Unchecked`].
+/// Returns a verdict with a line for each group of devices with equal results. The first device with errors,
+/// violations, exceeded limits or, if it is named, unmet requirements decides the result alone. If no graph was built
+/// at all, returns [`Verdict::Unchecked`].
 ///
 /// Each warning is passed to `warn` once.
 fn check(
@@ -399,7 +399,8 @@ fn too_large(
     (!fit.fits).then_some(fit)
 }
 
-/// Verifies a plan: checks its dependencies, replays it with its barriers, and tries every mutation of the barriers.
+/// Verifies a plan, and returns a summary: checks its dependencies, replays it with its barriers and, if neither finds
+/// a problem, tries every mutation of the barriers.
 ///
 /// # Errors
 /// The text lists wrong dependencies and hazards or, if there are none, needless barriers.

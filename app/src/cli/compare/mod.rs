@@ -88,7 +88,7 @@ fn range(text: &str) -> Result<(f64, f64), String> {
 
 struct Found {
     all: Comparison,
-    /// Length of the range of values that becomes 0..1 for all measures but the worst pixel; 1 for pictures.
+    /// Length of the value range that becomes 0..1 for all measures but the worst pixel; 1 if values are not scaled.
     peak: f64,
     flip: f64,
     flip_8_bits: f64,
@@ -305,7 +305,7 @@ fn has_indices(picture: &Image<f64>) -> bool {
     picture.rgb.iter().any(|pixel| pixel[0] == f64::from(u32::MAX))
 }
 
-/// Replaces unequal pixels by 1 and 0, and equal ones by 0. Returns the number of unequal pixels.
+/// Sets unequal pixels to 1 in `a` and 0 in `b`, and equal ones to 0 in both. Returns the number of unequal pixels.
 fn mark_unequal(a: &mut Image<f64>, b: &mut Image<f64>) -> usize {
     let mut unequal = 0;
     for (a, b) in a.rgb.iter_mut().zip(&mut b.rgb) {

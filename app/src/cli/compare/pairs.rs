@@ -8,11 +8,9 @@ use std::path::{Path, PathBuf};
 
 /// Two pictures to compare.
 pub struct Pair {
-    /// Path of the first; for folders, its name without extension; for archives, the array's name.
+    /// Path of `a`; for folders, its name without extension; for archives, the array's name.
     pub name: String,
-    /// The first picture.
     pub a: PathBuf,
-    /// The picture to compare it with.
     pub b: PathBuf,
 }
 
@@ -64,7 +62,8 @@ impl Pictures {
     }
 }
 
-/// Pairs the pictures of two folders or archives, by name or by the number at its end.
+/// Pairs the pictures of two folders or archives, by name or by the number at its end. Pictures without a number are
+/// then skipped and listed.
 ///
 /// # Errors
 /// Pictures without a partner, which the error lists, or two pictures of a folder with the same number.

@@ -171,12 +171,12 @@ impl EditArgs {
         self.keep.iter().chain(&self.remove)
     }
 
-    /// Returns true if an option can leave splats out.
+    /// Returns true if an option selects splats.
     fn removes(&self) -> bool {
         self.lists().next().is_some() || self.crop.is_some() || self.condition.is_some()
     }
 
-    /// Appends the scenes of `--merge`. Also returns what is compared of each scene, in their order.
+    /// Appends the scenes of `--merge`. Also returns the properties of `scene` and of each appended scene, in order.
     ///
     /// # Errors
     /// A scene cannot be loaded, or does not fit in memory.
@@ -189,7 +189,7 @@ impl EditArgs {
         Ok((if all.len() == 1 { all.remove(0) } else { Scene::joined(&all)? }, originals))
     }
 
-    /// Copies the merged scene with all its splats, and applies `--transform`; `None` if no option leaves splats out.
+    /// Copies the merged scene with all its splats, and applies `--transform`; `None` if no option selects splats.
     ///
     /// # Errors
     /// The copy does not fit in memory.
@@ -210,8 +210,8 @@ impl EditArgs {
     /// Applies the changes after `--merge`, in order. Also returns what `--transform` dropped, if anything.
     ///
     /// # Errors
-    /// A selection cannot be loaded, the scene does not fit in memory, the condition cannot be evaluated, or no splat is
-    /// left.
+    /// A selection cannot be loaded, the scene does not fit in memory, the condition cannot be evaluated, or no splat
+    /// is left.
     pub fn changed(&self, mut scene: Scene) -> Result<(Scene, Option<String>)> {
         let mut loss = None;
         if self.lists().next().is_some() {

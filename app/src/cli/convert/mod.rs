@@ -110,7 +110,8 @@ pub(super) fn check_files(args: &Args) -> Result<Option<(&Path, SceneFormat)>, U
     Ok(Some((output, format)))
 }
 
-/// Rejects a file name with the extension of another format. Names with other extensions may hold any format.
+/// Rejects a file name with the extension of another format, but accepts `.ply` and `.compressed.ply` for each other.
+/// Names with other extensions may hold any format.
 fn check_extension(output: &Path, format: SceneFormat) -> Result<(), Usage> {
     let last = format.extension().rsplit('.').next();
     let has_last =
@@ -183,7 +184,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let splats = scene_file::splats(before.count);
     stdout.line(&format!("{path}: {from}, {splats} of degree {}, {size} bytes", before.degree))?;
     if bytes == 0 {
-        // Every format has a header, so 0 bytes mean a closed pipe.
+        // A scene has at least one splat, so 0 bytes mean a closed pipe.
         let output = output.display();
         stdout.line(&format!("{output}: the reader closed the pipe before the end of the scene"))?;
         return Ok(Outcome::Done);

@@ -34,10 +34,10 @@ struct Pass {
 #[derive(Debug, PartialEq)]
 pub struct Times {
     pub pipeline: String,
-    /// Size of the pictures; `None` if the cameras' sizes differ.
+    /// Size of the pictures; `None` if the cameras' sizes differ, or the file has no valid ones.
     pub size: Option<(u32, u32)>,
     pub device: String,
-    /// Values of the graph's parameters.
+    /// Values of the graph's parameters, for the first camera.
     pub parameters: serde_json::Map<String, serde_json::Value>,
     /// Median over the cameras of the frame's time, in milliseconds; `None` if none has a time.
     pub frame_ms: Option<f64>,

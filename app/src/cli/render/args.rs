@@ -160,8 +160,8 @@ fn repeat(text: &str) -> Result<u32, String> {
 /// Cameras and files of a run that are known before the device is opened.
 #[derive(Debug)]
 pub struct Work {
-    /// Cameras of `--cameras` or of the file beside the scene. `None` for the default camera, and for those of `--eye`
-    /// or `--orbit`.
+    /// Cameras of `--cameras` or of the file beside the scene. `None` for the default camera, and for those of
+    /// [`LookAtArgs`].
     pub(super) given: Option<Vec<Camera>>,
     pub(super) destination: Option<Destination>,
     pub(super) stems: Vec<String>,

@@ -88,7 +88,8 @@ impl Batch {
         self.destination.is_some() || self.files.0.iter().any(|(name, ..)| name == RGBA.0)
     }
 
-    /// Submits the only frame of a camera. The session must be prepared for the camera's size.
+    /// Submits the only frame of a camera. The session must be prepared for the camera's size. If [`FRAMES_IN_FLIGHT`]
+    /// frames are in flight, first waits for the oldest.
     ///
     /// # Errors
     /// The device fails, or an earlier picture cannot be written.
@@ -146,10 +147,10 @@ impl Batch {
         Ok(index)
     }
 
-    /// Reports the skipped cameras out of `all`.
+    /// Fails if cameras were skipped, and clears the list of them. `all` is the number of cameras.
     ///
     /// # Errors
-    /// A camera was skipped. If all were, for the same reason, this is the error.
+    /// The reason for the skips if all cameras were skipped for the same one, otherwise a list of cameras and reasons.
     pub fn report_skipped(&mut self, all: usize) -> Result<()> {
         self.refused.clear();
         let mut skipped = std::mem::take(&mut self.skipped);
@@ -203,7 +204,7 @@ impl Batch {
     /// pictures that are now written. `stem` is the stem of the picture's file name.
     ///
     /// # Errors
-    /// The picture or an output is missing, or an earlier picture cannot be written.
+    /// The picture is missing, or the files of an earlier camera cannot be written.
     pub fn save(
         &mut self,
         mut stats: CameraStats,

@@ -69,11 +69,11 @@ pub enum Destination {
 }
 
 impl Destination {
-    /// Determines the destination from `--output` and `--format`; `None` without `--output`. A path without an
-    /// extension is a folder, unless a device or a pipe exists there.
+    /// Determines the destination from `--output` and `--format`; `None` without `--output`. A path with a picture's
+    /// extension, a device or a pipe is a picture. Any other path is a folder, as is one that ends in a separator.
     ///
     /// # Errors
-    /// The extension is unknown, or contradicts `--format`.
+    /// The extension contradicts `--format`; or, without `--format`, it is unknown, and no such folder exists.
     pub fn of(output: Option<&Path>, asked: Option<Format>) -> Result<Option<Destination>, Usage> {
         let Some(output) = output else { return Ok(None) };
         if is_standard_output(output) {
@@ -131,8 +131,8 @@ pub fn in_folder(name: &str, asked: Option<Format>) -> Format {
     asked.filter(|format| check_format(name, *format).is_ok()).unwrap_or(Format::Npy)
 }
 
-/// Names the file of a camera's output: `NAME.npy` in a folder, or in another `format`, `keys-NAME.npy` for one of
-/// several cameras, or else `file`.
+/// Names the file of a camera's output: `CAMERA.FORMAT` in a folder, `keys-CAMERA.npy` for one of several cameras, or
+/// else `file`. `cameras` is the number of cameras.
 pub fn per_camera(file: &Path, format: Format, camera: &str, cameras: usize) -> PathBuf {
     if names::ends_in_separator(file) {
         return file.join(format!("{camera}.{format}"));

@@ -26,9 +26,9 @@ pub struct Drawn {
     pub requests: Vec<usize>,
 }
 
-/// Draws the frames of one camera with the prepared plan, and reads the picture of the last one and the contents for
-/// `--inspect`. Warm-up frames come first if several frames are measured and the picture does not depend on their
-/// number. `loaded` is true if the plan's prologue has not run yet.
+/// Draws the frames of one camera with the prepared plan. Reads back the contents for `--inspect` and, of the last
+/// frame, the outputs and (with `read_output`) the picture. Warm-up frames come first if several frames are measured
+/// and the picture does not depend on their number. `loaded` is true if the plan's prologue has not run yet.
 pub fn draw(
     args: &Args,
     read_output: bool,

@@ -355,9 +355,8 @@ impl Job<'_> {
         DrawOptions { background: self.args.background, jobs: options::jobs(self.args.jobs) }
     }
 
-    /// Writes the film to one file. Returns the number of frames and what is known of them.
-    ///
-    /// `None` if the reader of the output pipe closed it.
+    /// Writes the film to one file. Returns the number of frames and their summary; `None` if the reader of the output
+    /// pipe closed it.
     fn write(&self, session: &mut Session, path: &Path, format: Format) -> Result<Option<(usize, Drawn)>> {
         let frames: Vec<u32> = (0..self.film.frames).collect();
         let mut progress = Progress::new("drawing");
