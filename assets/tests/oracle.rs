@@ -118,7 +118,7 @@ fn turn(splat: &mut Splat) {
 
 /// Limits for values that both programs decode from the same bytes.
 ///
-/// Positions and harmonics above band 0 must be bit-identical. The others pass through a logarithm, a logit, a
+/// Positions and harmonics above band 0 must be equal. The others pass through a logarithm, a logit, a
 /// normalisation or a colour of the PLY. Other programs change opacities of 0 and 1 by 1e-6 before the logit.
 const EQUAL: [f64; 6] = [0.0, 1e-6, 1e-6, 1.1e-6, 1e-6, 0.0];
 

@@ -14,7 +14,7 @@ const OPACITY: usize = 10;
 const DC: usize = 11;
 const REST: usize = 14;
 
-/// The last slot has the size of the 3D filter.
+/// Maximum number of slots: the values of a splat of degree 3, and [`FILTER`].
 pub(crate) const MAX_SLOTS: usize = REST + 45 + 1;
 
 /// Names of the properties of a splat, in slot order.
@@ -83,7 +83,7 @@ pub(crate) struct Layout {
     pub slot_of: Vec<Option<usize>>,
     /// True if the file has [`COLORS`] instead of band 0.
     colors: bool,
-    /// Index of the slot of [`FILTER`].
+    /// Index of the slot of [`FILTER`]; `None` if the file lacks it.
     filter: Option<usize>,
 }
 
@@ -197,6 +197,7 @@ impl Layout {
     }
 
     /// Converts the file's values to a splat; also returns the length of its quaternion.
+    /// `value` returns the value of a slot.
     #[inline]
     pub(crate) fn splat(&self, value: impl Fn(usize) -> f32) -> (Splat, f64) {
         let (rotation, norm) = activation::unit(std::array::from_fn(|i| f64::from(value(ROTATION + i))));

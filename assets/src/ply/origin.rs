@@ -45,7 +45,7 @@ impl Sample {
     }
 }
 
-/// Chooses the origin of `count` positions, of which all axes are wide.
+/// Chooses the origin of `count` positions that are wide on every axis.
 pub(crate) fn origin(count: u64, position: impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
     let mut sample = Sample::new([true; 3], count);
     (0..count).step_by(sample.every as usize).for_each(|index| sample.add(position(index as usize)));

@@ -43,7 +43,7 @@ fn ranged(scene: &Scene, index: usize) -> Ranged {
     std::array::from_fn(|k| [position, scale, color][k / 3][k % 3])
 }
 
-/// Returns for each splat the largest distance between neighbouring values of its coordinates.
+/// Returns for each splat the largest quantisation step of its coordinates, in world units.
 pub(crate) fn position_steps(scene: &Scene) -> Vec<f32> {
     let mut steps = vec![0.0; scene.count() as usize];
     for chunk in scene.morton_order().chunks(CHUNK_SPLATS) {

@@ -14,7 +14,7 @@ use crate::error::SceneError;
 use crate::scene::{FileNotes, Filter};
 use glam::DVec3;
 
-/// Reads the direction up from the words of its tag; `None` if they are none.
+/// Reads the direction up from the words of its tag; `None` if they name no direction.
 fn up(words: &[&str]) -> Option<[f64; 3]> {
     match words {
         ["x"] => Some([1.0, 0.0, 0.0]),

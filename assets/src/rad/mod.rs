@@ -21,7 +21,7 @@
 //! | `f32_lebytes`, `f16_lebytes` | the same, planar by byte: the lowest bytes of all values come first |
 //! | `r8` | `min + u / 255 (max - min)` |
 //! | `s8` | `i / 127 max` |
-//! | `r8_delta`, `s8_delta` | the same; a byte is the difference from the one before, modulo 256 |
+//! | `r8_delta`, `s8_delta` | as for `r8` and `s8`; a byte is the difference from the byte before, modulo 256 |
 //! | `ln_0r8` | 0 for 0; otherwise the logarithm is `min + (u - 1) / 254 (max - min)` |
 //! | `ln_f16` | a half float, the logarithm |
 //! | `oct88r8` | an octahedral unit vector in two bytes, and half the angle, `u / 255 pi / 2` |

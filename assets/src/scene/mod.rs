@@ -229,7 +229,7 @@ impl Scene {
         Self { mesh, ..self }
     }
 
-    /// Returns the mesh beside the splats.
+    /// Returns the mesh beside the splats; `None` if there is none.
     pub fn mesh(&self) -> Option<&Mesh> {
         self.mesh.as_deref()
     }
@@ -365,7 +365,7 @@ impl Scene {
         &self.gathered.dropped
     }
 
-    /// Returns the range of the quaternions' lengths before normalisation.
+    /// Returns the range of the quaternions' lengths before normalisation; they are 1 in a scene derived from another.
     pub fn quaternion_norms(&self) -> QuaternionNorms {
         self.gathered.norms
     }
@@ -375,7 +375,8 @@ impl Scene {
         self.gathered.bounds
     }
 
-    /// Returns the box from the 1st to the 99th percentile of each coordinate, which ignores outliers.
+    /// Returns the box from the 1st to the 99th percentile of each coordinate, which ignores outliers;
+    /// [`Bounds::ORIGIN`] for a scene without splats. Computed once.
     pub fn robust_bounds(&self) -> Bounds {
         *self.robust.get_or_init(|| {
             let _span = info_span!("find the robust bounds").entered();

@@ -19,7 +19,8 @@ fn sampled(count: u32) -> impl ExactSizeIterator<Item = usize> + Clone {
 }
 
 impl Scene {
-    /// Detects positions that were rounded to f32 far from the origin, which cannot be undone.
+    /// Detects positions that were rounded to f32 far from the origin, which cannot be undone. `None` if they are fine,
+    /// or wide.
     ///
     /// Positions are coarse if the steps of most of up to 1,000 splats exceed 1/8 of their largest standard deviation.
     /// Steps within 8 times the scene's size from the origin are never coarse, however small the splats are.
@@ -80,7 +81,7 @@ impl Scene {
     }
 
     /// Finds an origin near the splats, if f32 is too coarse for positions relative to `offset`, and if the splats are
-    /// farther from it than about 8 times the scene's size. The positions are the world's.
+    /// farther from `offset` than about 8 times the scene's size; otherwise `None`. The positions are the world's.
     ///
     /// f32 is too coarse if it shifts more than a tenth of the splats by more than 1/256 of their size.
     pub(crate) fn finer_origin(

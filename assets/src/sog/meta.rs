@@ -50,8 +50,8 @@ impl Means {
         })
     }
 
-    /// Returns true if f32 rounds positions by more than 1/8 of their steps, so far from the origin that a scene has
-    /// another origin.
+    /// Returns true if f32 rounds positions by more than 1/8 of their steps and the positions reach half of
+    /// [`origin::STEP`], from which on a scene can have an offset.
     pub fn is_wide(&self) -> bool {
         (0..3).any(|axis| {
             let (min, max) = (self.mins[axis], self.maxs[axis]);

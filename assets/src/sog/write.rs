@@ -87,7 +87,7 @@ fn ends(scene: &Scene) -> [(f64, f64); 3] {
     indices.map(|index| scene.world_position(index).map(compressed).map(|v| (v, v))).reduce(none, wider)
 }
 
-/// Returns a function that computes the largest distance between neighbouring values of a splat's coordinates, by the
+/// Returns a function that computes the largest rounding step of a splat's coordinates, in world units, from the
 /// splat's index.
 pub(crate) fn position_steps(scene: &Scene) -> impl Fn(usize) -> f64 + Sync {
     let steps = ends(scene).map(|(min, max)| (max - min) / Means::STEPS);

@@ -192,7 +192,7 @@ pub(super) fn quaternions(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates coefficients of up to `most`.
+/// Generates a cloud of degree 3 with random coefficients from `-most` to `most`.
 pub(super) fn harmonics(count: u32, seed: u64, most: f64) -> Made {
     changed_cloud(count, seed, 3, |_, random, splat| {
         splat.sh = std::array::from_fn(|_| random.range(-most, most) as f32);
@@ -242,7 +242,7 @@ pub(super) fn floor(count: u32, seed: u64) -> Made {
 /// View direction of [`crossing_camera`], across the plates of [`crossing`].
 const CROSSING: [f64; 3] = [0.0, 0.939_692_620_785_908_4, 0.342_020_143_325_668_7];
 
-/// Generates six plates, close behind one another, and twelve points far in front of and behind them.
+/// Generates repeatedly six plates, close behind one another, and twelve points far in front of or behind them.
 ///
 /// The plates' centres are far apart on their planes, so the plates change order only if a camera looks across the
 /// planes.

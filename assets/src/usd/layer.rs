@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 pub(super) const SPLATS: &str = "ParticleField3DGaussianSplat";
 
-/// Fields of prims and layers that refer to other prims or layers.
+/// Fields by which a prim or a layer refers to others or has variants.
 pub(super) const ARCS: [&str; 8] = [
     "references",
     "payload",
@@ -153,7 +153,7 @@ impl Array {
 }
 
 impl Layer {
-    /// Returns the path of a prim, shortened to its last names.
+    /// Returns the last 8 names of a prim's path, each cut to 40 characters.
     pub(super) fn path(&self, prim: usize) -> String {
         let mut names = Vec::new();
         let mut next = Some(prim);

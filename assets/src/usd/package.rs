@@ -8,7 +8,7 @@ use std::io::{self, Read};
 use zip::CompressionMethod;
 use zip::read::ZipFile;
 
-/// Returns true if the bytes begin a ZIP archive whose first file is a layer.
+/// Returns true if the bytes begin a ZIP archive whose first file has the name of a layer.
 pub(crate) fn begins_as_package(head: &[u8]) -> bool {
     let length = head.get(26..28).map_or(0, |bytes| usize::from(u16::from_le_bytes([bytes[0], bytes[1]])));
     let name = head.get(30..30 + length).unwrap_or_default().to_ascii_lowercase();

@@ -52,7 +52,7 @@ impl Cursor<'_, '_> {
         Ok(count as usize)
     }
 
-    /// Unpacks an LZ4 block to at most `most` bytes. The block's length precedes it.
+    /// Unpacks an LZ4 block, which its length precedes. Fails if it unpacks to more than `most` bytes.
     pub(super) fn unpack(&mut self, most: u64) -> Result<Vec<u8>, SceneError> {
         let length = self.long()?;
         let packed = self.layer.vec(self.at, length)?;

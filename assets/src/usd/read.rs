@@ -19,7 +19,7 @@ const DEFAULT_DEGREE: f64 = 3.0;
 /// Highest degree of a file; the bands above 3 are cut off.
 const MAX_DEGREE: f64 = 8.0;
 
-/// Types of prims with splats that are not read.
+/// Types of prims whose splats are not read, and what an error calls them.
 const OTHERS: [(&str, &str); 2] = [
     ("ParticleField", "a ParticleField, whose kind only applied schemas name"),
     ("OmniNuRecFieldAsset", "a volume of NVIDIA NuRec"),

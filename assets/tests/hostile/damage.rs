@@ -85,7 +85,7 @@ fn replace_word(bytes: &mut Vec<u8>, at: usize, word: &str) {
 
 /// Runs the cases of one reader. `seeds` are whole files, which `read` must accept, each with the length of its head.
 /// `read` returns the kind of its error; it must end within [`TIME_LIMIT`], and allocate less than `memory` bytes plus
-/// 64 times the file's length.
+/// 64 times the file's length. The cases must give at least three kinds of answers.
 pub fn run(
     name: &str,
     seeds: &[(Vec<u8>, usize)],

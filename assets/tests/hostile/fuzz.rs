@@ -14,7 +14,7 @@ use std::io::{Cursor, Read as _, Write as _};
 use std::path::Path;
 use zip::{CompressionMethod, ZipArchive};
 
-/// Generates the scene of a name with a number of splats, and writes it.
+/// Generates a scene from its generator's name and its number of splats, and writes it.
 fn written(
     (generator, count): (&str, u32),
     write: impl Fn(&Scene, &mut Vec<u8>) -> std::io::Result<()>,
@@ -73,7 +73,7 @@ fn damaged_scenes_are_read_or_refused() {
     run("scenes", &scenes(), memory, parse);
 }
 
-/// Builds small scenes in a format whose header has `head` bytes.
+/// Builds files of small scenes in a format, and returns each with `head`, the length of its head.
 fn packed_scenes(format: SceneFormat, head: usize) -> Vec<(Vec<u8>, usize)> {
     let write = |scene: &Scene, out: &mut Vec<u8>| scene.write(format, splatgraph_assets::QUIET, out);
     [("uniform", 6), ("needles", 300), ("demo", 3)].map(|of| (written(of, write), head)).into()
@@ -265,7 +265,7 @@ fn damaged_sog_files_are_read_or_refused() {
     }
 }
 
-/// Writes a file with an old modification time: a reader waits until a new modification time is 20 ms old.
+/// Writes a file with an old modification time, so that its reader need not wait until the time is 20 ms old.
 fn write_old(path: &Path, bytes: &[u8]) {
     let mut file = std::fs::File::create(path).unwrap();
     file.write_all(bytes).unwrap();

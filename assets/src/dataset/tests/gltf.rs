@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Writes a glTF file with two cameras, and reads them.
+/// Writes a glTF file with two cameras, its text changed by `change`, and reads them.
 fn gltf(change: impl Fn(String) -> String) -> Result<Vec<Camera>, String> {
     gltf_dataset(change).map(Dataset::into_cameras)
 }
