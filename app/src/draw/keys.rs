@@ -20,7 +20,7 @@ use std::ops::Range;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mapping {
-    /// The bits of the depth as a float.
+    /// The bits of the depth as a float; with fewer than 32 bits, scaled from the range of the depths.
     FloatBits,
     /// Equal steps of depth.
     Linear,

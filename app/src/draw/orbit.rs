@@ -49,7 +49,7 @@ pub struct Orbit {
 }
 
 impl Orbit {
-    /// Makes a level circle that starts at `start`, around the point of its viewing axis nearest to `middle`.
+    /// Makes a circle of constant y that starts at `start`, around the point of its viewing axis nearest to `middle`.
     ///
     /// If `middle` is behind the camera, the circle is around `middle` itself.
     pub fn before(start: Camera, middle: [f64; 3]) -> Orbit {

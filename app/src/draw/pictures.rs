@@ -40,7 +40,7 @@ impl<T: Send + 'static> Pictures<T> {
     /// First waits for older pictures if the queue or the memory is full, and returns their results.
     ///
     /// # Errors
-    /// One of these pictures failed. The error is that of the oldest; `work` is not started, and the results of
+    /// One of these pictures failed. The error is the oldest one's; `work` is not started, and the results of the
     /// pictures before the failed one are lost.
     pub fn start(&mut self, bytes: u64, work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<Vec<T>> {
         let room = memory::available().map_or(u64::MAX, |available| available / MEMORY_SHARE / bytes.max(1));

@@ -28,7 +28,7 @@ pub struct Settings {
 static SETTINGS: RwLock<Settings> =
     RwLock::new(Settings { worker: None, store: None, include_roots: Vec::new() });
 
-/// Sets the settings of later planners from [`Planner::default`].
+/// Sets the settings that [`Planner::default`] uses from now on.
 ///
 /// The first compiler and the first store stay, because planners share compiled shaders. Folders accumulate over
 /// several calls, and stay allowed until the process ends.

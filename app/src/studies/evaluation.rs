@@ -65,7 +65,7 @@ pub fn score(view: &str, picture: &Image, photograph: &Image) -> Result<Score, M
     })
 }
 
-/// Returns the mean of values: `None` if one of them is, or without values.
+/// Returns the mean of values; `None` if a value is missing, or without values.
 pub fn mean(values: impl ExactSizeIterator<Item = Option<f64>>) -> Option<f64> {
     let count = values.len();
     values.sum::<Option<f64>>().filter(|_| count > 0).map(|sum| sum / count as f64)

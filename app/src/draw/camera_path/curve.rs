@@ -35,10 +35,10 @@ pub(super) struct View {
     position: DVec3,
     /// Unit quaternion from the camera's axes to the world's.
     rotation: DQuat,
-    /// Natural logarithms of the horizontal and the vertical focal length, relative to the picture's height; then 0.
-    /// All are 0 in an equirectangular view, which shows all directions.
+    /// Natural logarithms of the horizontal and the vertical focal length, relative to the picture's height; z is 0. An
+    /// equirectangular view, which shows all directions, has zeros.
     zoom: DVec3,
-    /// Offset of the principal point, relative to the picture's height; then 0.
+    /// Offset of the principal point, relative to the picture's height; z is 0.
     principal_offset: DVec3,
 }
 

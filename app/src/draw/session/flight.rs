@@ -18,8 +18,8 @@ use tracing::info_span;
 const MAX_FLYING: usize = 64;
 
 impl SessionError {
-    /// Returns true if the graph, the device's limits or its memory do not allow this plan or this frame. Other plans
-    /// and frames can still be drawn.
+    /// Returns true for an error of the graph, of the device's limits or of its memory: other plans and frames can
+    /// still be drawn. False for a failed device, and for unsuitable inputs, such as a camera of another size.
     pub fn spares_device(&self) -> bool {
         match self {
             SessionError::Graph(_) | SessionError::Full { .. } => true,

@@ -59,7 +59,7 @@ pub enum SessionError {
         /// Errors of the graph. Their text is part of this error's message, so they are not a `source`.
         errors: GraphErrors,
     },
-    /// A frame was submitted before [`Session::prepare`].
+    /// No plan is loaded: [`Session::prepare`] was not called, or not after a change of graph, scene or outputs.
     #[error("no plan: `prepare` must be called before `submit`")]
     NotPrepared,
     /// The camera has another size than the pictures for which the plan was prepared.
@@ -123,7 +123,7 @@ pub struct Session {
     told_settings: BTreeSet<String>,
     loaded: Option<(Arc<Plan>, (u32, u32))>,
     frame: u32,
-    /// Frames in flight in the order of submission, with the inputs to repeat them.
+    /// Frames in flight of plans whose lists can grow, in the order of submission, with the inputs to repeat them.
     flying: Vec<Flight>,
     growths: u32,
     /// Time at which the last frame was known to be complete; `None` before the first.

@@ -19,7 +19,8 @@ pub struct Log {
 }
 
 impl Log {
-    /// Creates or empties a regular file, or opens a device or a pipe. The path `-` is standard output.
+    /// Creates a regular file with its folder, or empties it; or opens a device or a pipe. The path `-` is standard
+    /// output.
     ///
     /// # Errors
     /// The folder or the file cannot be created.

@@ -38,7 +38,8 @@ pub fn end_cleanly() {
     let _ = Builder::new().name("signals".into()).spawn(wait);
 }
 
-/// Ends the process without running its libraries' exit handlers. Unfinished files are removed as on a signal.
+/// Flushes standard output, and ends the process without running its libraries' exit handlers. Unfinished files are
+/// removed as on a signal.
 #[cfg(unix)]
 pub fn end_now(code: u8) {
     use std::io::Write;

@@ -51,7 +51,9 @@ pub fn quoted(cell: &str) -> String {
     format!("\"{}\"", cell.replace('"', "\"\""))
 }
 
-/// Adds columns to a CSV. Each has the same value, quoted, in all lines. Every line must end with a line break.
+/// Adds columns to a CSV: the names to its header, and the values, quoted, to each other line.
+///
+/// Every line must end with a line break.
 pub fn with_columns(csv: &str, columns: &[(&str, &str)]) -> String {
     let header: String = columns.iter().map(|(name, _)| format!(",{name}")).collect();
     let cells: String = columns.iter().map(|(_, value)| format!(",{}", quoted(value))).collect();

@@ -49,7 +49,8 @@ pub struct Part {
 
 /// Finds the window with the most energy in bands 1 to 3. Its sides are a third of the picture's.
 ///
-/// Returns the first of equal windows, by rows. `None` if nothing in the picture depends on the direction.
+/// Draws exact pictures, which must fit in memory; see [`splatgraph_reference::check_memory`]. Returns the first of
+/// equal windows, by rows. `None` if nothing in the picture depends on the direction.
 pub fn find(scene: &Scene, camera: &Camera) -> Option<Part> {
     let draw = |color: &(dyn Fn(&Gaussian) -> [f64; 3] + Sync)| -> Picture {
         let rules = Rules { color_floor: None, sh_degree: 0, ..Rules::PUBLISHED };

@@ -33,7 +33,7 @@ const EQUAL_DB: f64 = 0.05;
 /// Turns end when half of the width of the mean's range is at most `NARROW.0 + NARROW.1 * |share - 1|`.
 const NARROW: (f64, f64) = (0.01, 0.05);
 
-/// A frame time as a share of the exact settings' time.
+/// A frame time as a share of the baseline's, such as the exact settings' time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Share {
     /// The median of the turns.
@@ -139,7 +139,7 @@ pub fn enough(turns: &[f64], views: usize) -> bool {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mark {
-    /// On the Pareto front: every setting that is at least as accurate takes longer.
+    /// On the Pareto front: every other setting that is at least as accurate takes longer by [`MIN_SAVING`] or more.
     Best,
     /// On the front by the medians, but within the noise.
     Likely,

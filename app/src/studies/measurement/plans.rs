@@ -54,7 +54,7 @@ pub struct Planned {
     pub settings: Vec<(Setting, Option<u64>)>,
     /// The settings that are left out because of equal plans.
     pub same_plan: SamePlan,
-    /// Pipelines of each setting's plan for one picture size, compiled ahead of the measurements.
+    /// Pipelines of each setting's plan for one picture size, compiled ahead; to keep until the measurements end.
     ///
     /// Empty on CPUs, where compilation would compete with frames for cores.
     pub pipelines: Vec<Compiled>,

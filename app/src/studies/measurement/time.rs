@@ -10,10 +10,10 @@ use splatgraph_assets::Camera;
 use splatgraph_framework::plan::Plan;
 use std::time::{Duration, Instant};
 
-/// The time of a frame, relative to the exact settings.
+/// The time of a frame, relative to a baseline: the exact settings, or in a sweep, the frame with all splats.
 ///
-/// Milliseconds are shares times the exact settings' time, [`Time::exact_ms`]: the device's clock may change between
-/// two settings, but it affects both sides of a share alike.
+/// Milliseconds are shares times the baseline's time, [`Time::exact_ms`]: the device's clock may change between two
+/// settings, but it affects both sides of a share alike.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Time {
     /// Milliseconds on the GPU: `share` of `exact_ms`.
@@ -21,9 +21,9 @@ pub struct Time {
     /// Difference between the largest and the smallest share of the rounds, or without a baseline, between their times;
     /// in milliseconds. `None` with one round.
     pub spread_ms: Option<f64>,
-    /// The frame time divided by the exact settings' time in the same turns.
+    /// The frame time divided by the baseline's time in the same turns; 1 without a baseline.
     pub share: Share,
-    /// Milliseconds of the exact settings: [`Baseline::ms`], or the median of the rounds' medians.
+    /// Milliseconds of the baseline: [`Baseline::ms`], or the median of the rounds' medians.
     pub exact_ms: f64,
     /// Number of rounds that were drawn.
     pub rounds: u32,
@@ -38,7 +38,7 @@ pub struct Time {
 
 /// The session with which all others are interleaved.
 pub struct Baseline<'a> {
-    /// Session that draws the exact settings, prepared at the view's size.
+    /// Session that draws the exact settings, or in a sweep, all splats; prepared at the view's size.
     pub session: &'a mut Session,
     /// Frame time by which shares are multiplied, in milliseconds; `None` uses the baseline's time in the same rounds.
     pub ms: Option<f64>,

@@ -65,7 +65,8 @@ impl Study {
     /// Tells the listener if the nearest splats cannot be measured, and which parameters have no effect.
     ///
     /// # Errors
-    /// The subject has no camera or none that sees a splat, the graph has errors, or the device fails.
+    /// The subject has no camera or none that sees a splat, an exact picture does not fit in memory, the graph has
+    /// errors, or the device fails.
     pub fn new(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) -> Result<Study, StudyError> {
         let first = subject.first()?;
         subject.check_views(listener)?;

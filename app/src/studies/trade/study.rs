@@ -33,8 +33,8 @@ pub struct Wanted {
     pub pipeline: String,
     /// Names and values of the parameters that are the same in every setting.
     pub set: Vec<(String, String)>,
-    /// Prefixes of the names of the settings to measure; empty for all. The exact settings, and settings with rows of an
-    /// earlier run, are always measured.
+    /// Prefixes of the names of the settings to measure; empty for all. The exact settings and those with rows of an
+    /// earlier run are always measured.
     pub only: Vec<String>,
     /// Numbers of frames and rounds.
     pub frames: Frames,
@@ -81,8 +81,9 @@ impl Study {
     /// Chooses the settings, and builds the plans of each.
     ///
     /// # Errors
-    /// [`Wanted::file`] is not a ledger, the subject has no camera or none that sees a splat, the graph has errors, no
-    /// setting's name begins with a prefix of [`Wanted::only`], the device fails, or the listener cancels.
+    /// [`Wanted::file`] is not a ledger, the subject has no camera or none that sees a splat, an exact picture does not
+    /// fit in memory, the graph has errors, no setting's name begins with a prefix of [`Wanted::only`], the executable
+    /// cannot be read, the device fails, or the listener cancels.
     pub fn new(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) -> Result<Study, StudyError> {
         // Rows of an earlier run are shown, too: their settings' plans are needed to drop rows that are out of date.
         let earlier = wanted.file.as_deref().map_or_else(|| Ok(BTreeSet::new()), ledger::replaceable)?;

@@ -108,7 +108,7 @@ pub struct Ledger {
 struct Saved<'a> {
     #[serde(flatten)]
     ledger: &'a Ledger,
-    /// Views without rows.
+    /// Views without rows of the exact settings.
     missing: Vec<String>,
 }
 
