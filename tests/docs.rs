@@ -179,8 +179,8 @@ fn splatgraph(arguments: &[&str]) -> Output {
     Command::new(program).args(arguments).current_dir(root()).output().expect("the program starts")
 }
 
-/// Replaces `scenes/...` with the path of the captured scene. Returns `None` if there is such an argument and
-/// `SPLATGRAPH_DATA` is not set.
+/// Replaces `scenes/...` with the path of the captured scene. Returns `None` if there is such an argument, and
+/// `SPLATGRAPH_DATA` is not set or not UTF-8.
 fn with_scenes(arguments: &[String]) -> Option<Vec<String>> {
     let resolve = |argument: &String| match argument.starts_with("scenes/") {
         true => Path::new(&std::env::var_os("SPLATGRAPH_DATA")?)

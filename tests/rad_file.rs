@@ -101,7 +101,7 @@ pub fn chunk(base: u64, count: u64, arrays: &[Array], compressed: bool) -> Vec<u
     [headed(b"RADC", &document), (payload.len() as u64).to_le_bytes().to_vec(), payload].concat()
 }
 
-/// Builds a file of `count` splats. If `names` are given, the chunks are expected in files of those names.
+/// Builds a file of `count` splats. If `names` are given, it lacks the chunks, and refers to files of those names.
 /// `entries` is the number of entries of the palette of harmonics.
 pub fn file(count: u64, chunks: &[Vec<u8>], names: &[&str], entries: Option<u64>) -> Vec<u8> {
     let mut offset = 0;

@@ -15,7 +15,8 @@ struct Span {
 /// Largest rounding error of a time in a trace, in microseconds.
 const ROUNDING: f64 = 0.01;
 
-/// Returns each track's spans by the track's name, ordered by start. Of equal starts, the longer span is first.
+/// Returns each track's spans by the track's name, ordered by start. Of equal starts, the longer span is first. Fails
+/// if a span is on no named track.
 fn tracks(trace: &Value) -> BTreeMap<String, Vec<Span>> {
     let events = trace["traceEvents"].as_array().expect("events");
     let of_kind = |kind: &'static str| events.iter().filter(move |event| event["ph"] == kind);

@@ -84,7 +84,7 @@ impl Plan {
         &self.shaders[id.index()]
     }
 
-    /// Finds a resource by its full name, for instance `"keys#0"`.
+    /// Finds a resource by its full name, for instance `"keys#0"`; `None` if there is none.
     pub fn find_resource(&self, name: &str) -> Option<ResourceId> {
         self.resources.iter().position(|r| r.name == name).map(|i| ResourceId(i as u32))
     }

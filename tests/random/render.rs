@@ -326,8 +326,8 @@ impl Writer<'_> {
         }
     }
 
-    /// Writes an idle pass, whose output at most another idle pass reads. It reads what pass `after` accessed, or what
-    /// another idle pass wrote.
+    /// Writes an idle pass, whose output at most another idle pass reads. It reads what pass `after` binds, or what the
+    /// last idle pass wrote.
     fn idle_pass(&mut self, after: usize) {
         let (sketch, style) = (self.sketch, self.style);
         let pass = &sketch.passes[after];

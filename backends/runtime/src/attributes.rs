@@ -67,7 +67,7 @@ impl<B> AttributeCache<B> {
         (self.lookup(keys), Some(turn))
     }
 
-    /// Adds planes whose upload is complete.
+    /// Adds planes whose upload is complete, and forgets those that nothing holds any more.
     pub fn add<'a>(&self, planes: impl IntoIterator<Item = (&'a PlaneKey, &'a Arc<B>)>)
     where
         B: 'a,

@@ -29,7 +29,7 @@ pub(crate) fn name(plan: &Plan, id: ResourceId) -> Option<&str> {
     resource.history.as_deref().filter(|_| alone)
 }
 
-/// Finds the history in `former`, the previous plan's histories, that resource `id` of `plan` continues.
+/// Finds the history in `former`, the previous plan's histories, that resource `id` of `plan` continues, if any.
 pub(crate) fn find<'a, G: Gpu>(
     plan: &Plan,
     id: ResourceId,

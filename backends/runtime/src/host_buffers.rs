@@ -132,7 +132,7 @@ impl<G: Gpu> HostBuffer<G> {
         self.written = self.holds.clone();
     }
 
-    /// Takes the shared output out of the slot. The caller keeps it until the frame has completed.
+    /// Takes the shared output, if any, out of the slot. The caller keeps it until the frame has completed.
     pub fn take_output(&mut self) -> Option<Arc<SharedOutput<G>>> {
         self.output.take()
     }

@@ -91,7 +91,8 @@ impl<G: Gpu> Swapchain<G> {
         self.raw.as_mut().map(|swapchain| Show { swapchain, image, slot })
     }
 
-    /// Presents an image; returns true if it is shown. Its blit must have been submitted.
+    /// Presents an image, whose blit must have been submitted. Returns true if it is shown, and false if the swapchain
+    /// or the surface must be replaced first.
     pub fn present(&mut self, image: u32) -> Result<bool, BackendError> {
         let Some(raw) = &mut self.raw else { return Ok(false) };
         let presented = raw.present(image);

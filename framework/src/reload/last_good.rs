@@ -97,7 +97,7 @@ impl<P, E> LastGood<P, E> {
         self.good.as_ref()
     }
 
-    /// Returns the error to show: the newest attempt's unless it is delayed, otherwise the error shown before.
+    /// Returns the error to show, if any: the newest attempt's unless it is delayed, otherwise the one shown before.
     pub fn error(&self, now: Instant) -> Option<&E> {
         let newer = if self.is_due(now) { self.kept_back.as_ref() } else { None };
         newer.or(self.shown.as_ref().map(|(_, error)| error))

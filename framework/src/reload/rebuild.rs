@@ -90,7 +90,7 @@ impl<Job: Send + 'static, Output: Send + 'static> Rebuilder<Job, Output> {
 }
 
 impl<Job, Output> Rebuilder<Job, Output> {
-    /// Queues a job, and returns the waiting one that it replaces.
+    /// Queues a job, and returns the waiting one that it replaces, if any.
     pub fn submit(&self, job: Job) -> Option<Job> {
         let before = self.shared.state().waiting.replace(job);
         self.shared.called.notify_one();

@@ -7,7 +7,8 @@ use crate::link::LinkedPass;
 use crate::lower::Lowered;
 use crate::plan::Plan;
 
-/// Creates a plan of these passes, in this order. It has no memory, no dependencies and no usage yet.
+/// Creates a plan of these passes, in this order, and of the resources and shaders that they use, renumbered. It has
+/// no memory, no dependencies and no usage yet.
 pub(super) fn compact(lowered: Lowered, passes: &[&LinkedPass]) -> Plan {
     let real = |id: ResourceId| lowered.real(id);
     let mut plan = lowered.plan.clone();

@@ -200,7 +200,7 @@ pub(super) fn as_text(mut bytes: Vec<u8>) -> Result<String, (String, Range<usize
     })
 }
 
-/// Describes what is at a path without a file, such as ` (a folder)`; empty if nothing is there.
+/// Describes the folder or the link at a path without a file, such as ` (a folder)`; empty if there is neither.
 pub(super) fn obstacle(path: &Path) -> String {
     if path.is_dir() {
         return " (a folder)".to_string();

@@ -436,7 +436,7 @@ impl SourceMap {
         (content, Ok(Some(file)))
     }
 
-    /// Returns the unsaved text of a file, which may be missing from the disk.
+    /// Returns the unsaved text of a file, if it has one. The file may be missing from the disk.
     fn unsaved(&self, path: &Path) -> Option<String> {
         // Without unsaved texts, the path is not resolved: that takes several system calls, and most paths do not exist.
         if self.library.unsaved.is_empty() {

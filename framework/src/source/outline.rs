@@ -86,8 +86,8 @@ impl Outline {
         self.nodes.iter().find(|node| node.place.start == offset)
     }
 
-    /// Returns the span of the field name or map key that contains `offset` or ends there. The opening quote counts as
-    /// part of a key, but the span excludes it.
+    /// Returns the span of the field name or map key that contains `offset` or ends there, if any. The opening quote
+    /// counts as part of a key, but the span excludes it.
     pub(super) fn key_at(&self, offset: usize) -> Option<Range<usize>> {
         let mut keys = self.nodes.iter().filter_map(|node| node.key.clone());
         keys.find(|key| key.start <= offset + 1 && offset <= key.end)

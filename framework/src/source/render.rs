@@ -120,7 +120,7 @@ fn harmless(text: &str) -> Cow<'_, str> {
     text.chars().map(|c| replaced(c).unwrap_or(c)).collect()
 }
 
-/// Joins the lines of a message, and replaces characters that terminals interpret.
+/// Joins the lines of a message by `␊`, and replaces characters that terminals interpret.
 fn one_line(text: &str) -> String {
     normalize_untrusted_str(&harmless(text)).replace('\n', "\u{240a}")
 }

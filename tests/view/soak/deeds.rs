@@ -226,7 +226,7 @@ impl Soak {
 
     /// Sets a live parameter, or else a constant, to a random value or sometimes to its default.
     ///
-    /// Does nothing if the plan has none.
+    /// Does nothing if the viewport is not shown or the plan has none.
     fn set_param(&mut self, who: RendererId, live: bool) {
         let Some(viewport) = self.viewer.shell.viewer.viewport(who) else { return };
         let params = viewport.renderer.controls().iter().map(|control| &control.param);

@@ -55,7 +55,7 @@ impl Submission {
         progress(self.commands.iter().map(|commands| objc::status(commands)))
     }
 
-    /// Blocks until the submission has completed, for at most `limit`.
+    /// Blocks until the submission has completed, for at most `limit` (1 ms or more) plus Metal's own work on the host.
     pub fn wait(&self, limit: Duration) {
         let milliseconds = u64::try_from(limit.as_millis()).unwrap_or(u64::MAX).max(1);
         let (event, value) = &self.done;
@@ -117,7 +117,8 @@ impl MetalGpu {
         all
     }
 
-    /// Returns the error of the first command buffer, of any executor, that failed. Later results are unreliable.
+    /// Returns the error of the first command buffer, of any executor, that failed; `None` if none has. Results after a
+    /// failure are unreliable.
     pub(crate) fn failure(&self) -> Option<BackendError> {
         self.failure.get().map(|(code, text)| of_command_buffer(*code, text))
     }

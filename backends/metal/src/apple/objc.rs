@@ -23,7 +23,7 @@ pub(crate) fn new_queue(device: &DeviceRef) -> Option<CommandQueue> {
     (!raw.is_null()).then(|| unsafe { CommandQueue::from_ptr(raw) })
 }
 
-/// Creates a command buffer that retains the objects its commands use.
+/// Creates a command buffer that retains the objects its commands use; `None` if Metal returns none.
 pub(crate) fn command_buffer(queue: &CommandQueueRef) -> Option<CommandBuffer> {
     // SAFETY: the method takes no arguments, and returns an autoreleased object or nil.
     let raw: *mut MTLCommandBuffer = unsafe { msg_send![queue, commandBuffer] };

@@ -30,7 +30,7 @@ struct Output {
 }
 
 impl splatgraph_runtime::Swapchain<MetalGpu> for Swapchain {
-    /// Sets the layer's drawable size and vsync.
+    /// Sets the layer's drawable size and vsync. Fails if the device was opened without a window.
     fn new(
         gpu: &Arc<MetalGpu>,
         size: (u32, u32),

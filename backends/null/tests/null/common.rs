@@ -16,7 +16,7 @@ pub fn opened(config: &Config) -> (Null, Journal) {
     (null.expect("it opens"), journal)
 }
 
-/// Waits until another thread has made a condition true.
+/// Waits until another thread has made a condition true; fails after 60 s.
 #[track_caller]
 pub fn until(mut is_so: impl FnMut() -> bool) {
     let begun = Instant::now();

@@ -50,7 +50,8 @@ pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
     checker.output()
 }
 
-/// Finds an image or a pass that is too large for a device with these facts; returns the error and the declaration.
+/// Finds an image or a pass that is too large for a device with these facts, if there is one. Returns the error and
+/// the declaration.
 ///
 /// The linker checks the other facts. The remaining limits are known only once a device is open.
 pub fn too_large<'a>(plan: &'a Plan, device: &DeviceFacts) -> Option<(BackendError, &'a Origin)> {

@@ -318,7 +318,8 @@ impl<'a> SyncState<'a> {
         needs
     }
 
-    /// Adds the requirement that a write be visible to an access of `to` or, if `to` is empty, available.
+    /// Adds, for each source stage, the requirement that a write be visible to `access` at `to`, unless it already is.
+    /// If `to` is empty, requires that the write be available.
     fn memory(
         &self,
         (dependency, hazard): (&Dependency, Hazard),

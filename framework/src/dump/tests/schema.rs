@@ -117,7 +117,7 @@ fn of_type(rule: &Value, value: &Value) -> bool {
     }
 }
 
-/// Lists the schema paths that describe fields.
+/// Adds the schema paths that describe fields to `found`.
 fn described(schema: &Value, at: &str, found: &mut BTreeSet<String>) {
     match schema {
         Value::Object(map) => {

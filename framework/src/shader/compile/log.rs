@@ -253,7 +253,7 @@ impl Entry<'_> {
         Some(error.with_help("compare it in an `if`, or in a `let` of the graph"))
     }
 
-    /// Returns the help for a common mistake.
+    /// Returns the help for a common mistake; `None` for any other.
     fn hint(&self) -> Option<&'static str> {
         match (self.token, self.message.as_str()) {
             (_, PARSER_FULL) => Some("each `else if` is nested in the one before it: use a `switch`"),
@@ -302,7 +302,7 @@ fn locate(
     }
 }
 
-/// Returns the start of the first token that is not part of a directive.
+/// Returns the start of the first token that is not part of a directive; `None` if there is none.
 fn first_code(text: &str) -> Option<usize> {
     let tokens = lex(text);
     let lines = tokens.split(|token| token.kind == TokenKind::Newline);

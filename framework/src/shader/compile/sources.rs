@@ -236,7 +236,8 @@ impl Sources {
         self.first_line()
     }
 
-    /// Finds the first `#include` of a unit: the including unit, and the place of the name in it.
+    /// Finds the first `#include` of a unit: the including unit, and the place of the name in it. `None` if no unit
+    /// includes it, as for the shader itself.
     pub fn include_of(&self, unit: usize) -> Option<(usize, Range<usize>)> {
         self.units.iter().enumerate().find_map(|(includer, other)| {
             let include = other.includes.values().find(|include| include.target.as_ref() == Ok(&unit))?;

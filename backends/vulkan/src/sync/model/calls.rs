@@ -70,7 +70,7 @@ impl Calls {
         *passed = end;
     }
 
-    /// Returns the first call, from number `passed` on, that changes the cell.
+    /// Returns the first call, from number `passed` on, that changes the cell; `None` if none does.
     fn change(&self, cell: &Cell, passed: u32) -> Option<u32> {
         let kinds = self.kinds.iter().filter(|kind| cell.is_changed_by(&kind.scopes));
         let next = |kind: &Kind| kind.calls.get(kind.calls.partition_point(|call| *call < passed)).copied();
