@@ -555,7 +555,7 @@ fn store(sketch: &Sketch, slot: &Slot) -> String {
     }
 }
 
-/// Integers that floats represent exactly.
+/// Expression of a colour from the hash `h`: integers that floats represent exactly.
 const COLOR: &str = "vec4(h & 0xffffu, h >> 16, h & 0xffu, (h >> 8) & 0xffffffu)";
 
 fn draw(sketch: &Sketch, pass: &Pass, targets: &[(usize, bool)], slots: &[Slot], all: bool) -> [String; 2] {

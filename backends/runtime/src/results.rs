@@ -191,7 +191,7 @@ impl<G: Gpu> Results<G> {
         recipes.iter().filter_map(find).collect()
     }
 
-    /// Adds the results of a plan whose prologue has been submitted.
+    /// Adds the results of a plan whose prologue has been submitted, and forgets those that nothing holds any more.
     pub fn add<'a>(&self, results: impl Iterator<Item = (&'a Arc<Recipe>, &'a Arc<Buffer<G>>)>) {
         let mut computed = lock(&self.computed);
         computed.retain(|(_, buffer)| buffer.strong_count() > 0);

@@ -21,7 +21,8 @@ pub(crate) fn usage(resource: &Resource) -> Usage {
     base | resource.usage & BUFFER
 }
 
-/// Lists a pass's resources, each with true if it is written; some appear more than once.
+/// Lists a pass's resources, each with true if it is written. Some appear more than once; a written and bound one
+/// also appears with false.
 pub(crate) fn touched(pass: &Pass) -> impl Iterator<Item = (ResourceId, bool)> + '_ {
     let uses = pass.uses.iter().map(|used| (used.resource, used.accesses.writes()));
     let bound = pass.bindings.iter().map(|binding| (binding.resource, false));

@@ -16,7 +16,7 @@ pub(super) struct Constants {
     pub params: BTreeMap<String, ParamSet>,
 }
 
-/// Converts a name to the form that it has in shaders.
+/// Converts a name to its form in shaders: capitals, with `_` for all characters but ASCII letters and digits.
 pub(super) fn capital(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_uppercase() } else { '_' }).collect()
 }

@@ -67,7 +67,8 @@ fn image_size(resource: &Resource, most: u32) -> Result<(), BackendError> {
     within_count(what, width.max(height), most)
 }
 
-/// Refuses a pass with more than [`MAX_INVOCATIONS`].
+/// Refuses a dispatch with more than [`MAX_INVOCATIONS`], or a draw with more vertices than that. Accepts indirect
+/// commands and other passes.
 fn work_size(plan: &Plan, pass: &Pass) -> Result<(), BackendError> {
     let product = |numbers: &[u32]| numbers.iter().fold(1u64, |all, &n| all.saturating_mul(n.into()));
     let (count, what) = match pass.work {

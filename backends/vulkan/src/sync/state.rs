@@ -338,7 +338,8 @@ impl<'a> SyncState<'a> {
         }
     }
 
-    /// Adds the requirement that a layout change be visible to an access of `to` or, if `to` is empty, complete.
+    /// Adds the requirement that a layout change be visible to `access` at `to`, unless it already is. If `to` is
+    /// empty, requires that the change be complete.
     fn after_change(
         &self,
         changed: &Changed,
@@ -362,7 +363,8 @@ impl<'a> SyncState<'a> {
         add(needs, Requirement { reason, from, flush: Accesses::empty(), via, to, access });
     }
 
-    /// Adds the requirement that `to` run after reads: execution only, for a write after a read.
+    /// Adds, for each source stage, the requirement that `to` run after its reads, unless it already does: execution
+    /// only, for a write after a read.
     fn order(
         &self,
         dependency: &Dependency,

@@ -251,7 +251,8 @@ impl<'t> Walk<'t> {
         }
     }
 
-    /// Evaluates a condition; `now` says whether the compiler evaluates it.
+    /// Evaluates a condition; `now` says whether the compiler evaluates it. If an `#if` has no known value, adds all of
+    /// its identifiers to the names.
     fn condition(&mut self, directive: &str, words: &[Word<'t>], now: Truth) -> Truth {
         match (directive, words) {
             ("if", words) => {

@@ -85,7 +85,7 @@ fn serve(memory_bytes: u64, turns: &Sender<Turn>, mut output: impl Write) {
     }
 }
 
-/// Ends the process when a compilation exceeds a limit, or when the parent is gone.
+/// Ends the process when a compilation exceeds a limit, or when the parent ends during one.
 fn watch(limits: Limits, turns: &Receiver<Turn>) {
     let (parent, idle) = (system::parent(), system::memory());
     let mut begun = None;
