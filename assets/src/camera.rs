@@ -68,7 +68,7 @@ pub(crate) struct Entry {
 }
 
 impl Entry {
-    /// Returns the first non-zero number of the lens's distortion, with the name of its field.
+    /// Returns the first non-zero number of the lens's distortion, with the name of its field; `None` if there is none.
     pub(crate) fn distortion(&self) -> Option<(&'static str, f64)> {
         const NAMES: [&str; 11] = [
             "k1",

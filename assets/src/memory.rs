@@ -57,7 +57,7 @@ pub fn available() -> Option<u64> {
     if cfg!(target_os = "linux") { under(Path::new("/")) } else { None }
 }
 
-/// Reads the limits from the folders `proc` and `sys/fs/cgroup` under `root`.
+/// Returns the smallest of the limits in the folders `proc` and `sys/fs/cgroup` under `root`; `None` if none is known.
 fn under(root: &Path) -> Option<u64> {
     let text = |path: &str| std::fs::read_to_string(root.join(path)).ok();
     let system = text("proc/meminfo").and_then(|info| of_system(&info));
@@ -68,7 +68,8 @@ fn under(root: &Path) -> Option<u64> {
     [system, address, group].into_iter().flatten().min()
 }
 
-/// Computes the memory that the system can provide: the available memory and the free swap.
+/// Computes the memory that the system can provide: the available memory and the free swap. `None` if `meminfo` lacks
+/// the available memory.
 fn of_system(meminfo: &str) -> Option<u64> {
     let field = |name: &str| {
         let line = meminfo.lines().find_map(|line| line.strip_prefix(name))?;

@@ -31,7 +31,7 @@ pub struct Report {
     pub dropped: Dropped,
     /// Degree of the stored spherical harmonics.
     pub stored_sh_degree: u32,
-    /// Highest band with a coefficient other than 0 in any splat.
+    /// Highest band with a coefficient other than 0 in any splat; 0 if there is none.
     pub effective_sh_degree: u32,
     /// Highest band with a coefficient other than 0 in any splat whose opacity is at least the alpha floor, 1/255.
     pub shown_sh_degree: u32,

@@ -223,13 +223,14 @@ impl History {
         go(&mut self.past, &mut self.now, &mut self.future, viewer)
     }
 
-    /// Redoes the last undone step; returns a description of the change, or `None` if there is no step.
+    /// Redoes the last undone step that has an effect; returns a description of the change, or `None` if there is none.
     pub fn redo(&mut self, viewer: &mut Viewer) -> Option<String> {
         go(&mut self.future, &mut self.now, &mut self.past, viewer)
     }
 }
 
-/// Applies the last settings of `steps` that have an effect; the former settings become a step of `back`.
+/// Applies the last settings of `steps` that have an effect, and drops those without. The former settings become a step
+/// of `back`. Returns a description of the change; `None` if no settings had an effect.
 fn go(
     steps: &mut Vec<Settings>,
     now: &mut Option<Settings>,

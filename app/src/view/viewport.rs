@@ -185,7 +185,7 @@ impl Viewport {
         if self.is_held_back() { None } else { self.part() }
     }
 
-    /// Describes the newest finished frame if a list overflowed, shown or not.
+    /// Names the lists that overflowed in the newest finished frame, which may not be shown; `None` if none did.
     fn part(&self) -> Option<String> {
         let short: Vec<String> = self.short.iter().map(Overflow::to_string).collect();
         (!short.is_empty()).then(|| format!("partially drawn: {}", short.join(", ")))

@@ -35,7 +35,7 @@ struct Alignment {
     scale: f64,
 }
 
-/// Finds a `dataparser_transforms.json` in a folder.
+/// Returns the path of `dataparser_transforms.json` in a folder; `None` if there is no such file.
 pub(super) fn beside(folder: &Path) -> Option<PathBuf> {
     Some(folder.join("dataparser_transforms.json")).filter(|file| file.is_file())
 }

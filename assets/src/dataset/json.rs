@@ -178,7 +178,7 @@ impl Fields {
         }
     }
 
-    /// Returns the first non-zero distortion coefficient of the lens, with its name.
+    /// Returns the first non-zero distortion coefficient of the lens, with its name; `None` if there is none.
     fn distortion(&self, of_file: &Self) -> Option<(&'static str, f64)> {
         let all =
             |f: &Self| [("k1", f.k1), ("k2", f.k2), ("k3", f.k3), ("k4", f.k4), ("p1", f.p1), ("p2", f.p2)];

@@ -99,7 +99,7 @@ pub(super) struct Lens {
 pub(super) struct Perspective {
     /// Vertical field of view, in radians.
     pub yfov: f64,
-    /// Width of the view, divided by its height.
+    /// Width of the view, divided by its height; `None` if the reader may choose it.
     pub aspect_ratio: Option<f64>,
 }
 
@@ -184,7 +184,7 @@ pub(super) struct Buffer {
 #[derive(Debug)]
 pub(super) struct Splats<'a> {
     pub primitive: &'a Primitive,
-    /// Index of the buffer view with an SPZ file, which replaces the attributes' values.
+    /// Index of the buffer view with an SPZ file, if the file replaces the attributes' values.
     pub spz: Option<usize>,
     pub key_of: SortKey,
     /// Transform from the primitive to the document's world.

@@ -26,7 +26,7 @@ impl Encoding {
     }
 }
 
-/// Parses a type by either of its two names.
+/// Parses a type by either of its two names; `None` if the name is unknown.
 fn parse_scalar(name: &str) -> Option<Scalar> {
     Some(match name {
         "char" | "int8" => Scalar::I8,

@@ -94,7 +94,7 @@ pub(crate) struct Rest {
     stored: usize,
     /// Degree of the harmonics that are read.
     pub degree: u32,
-    /// Degree in the file, if it is higher.
+    /// Degree in the file, if it is above 3.
     pub cut_degree: Option<u32>,
 }
 

@@ -24,7 +24,7 @@ pub(super) struct Document {
     #[serde(rename = "type")]
     kind: String,
     pub count: u64,
-    /// Number of entries of the palette of harmonics.
+    /// Number of entries of the palette of harmonics; `None` if it is unknown or there is no palette.
     pub sh_code_count: Option<u64>,
     pub chunks: Vec<Place>,
 }

@@ -107,7 +107,7 @@ impl Scene {
     }
 }
 
-/// Visible shift of a splat, as a share of its size.
+/// Smallest visible shift of a splat, as a share of its size.
 const VISIBLE: f64 = 1.0 / 256.0;
 
 /// Returns the largest error of rounding a coordinate to f32.

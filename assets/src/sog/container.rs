@@ -130,8 +130,8 @@ impl<'a> Container<'a> {
 
     /// Reads a texture of about `count` texels.
     ///
-    /// `fault` gets the width and height before the texture is unpacked, and describes the expected ones if they are
-    /// wrong.
+    /// `fault` gets the width and height before the texture is unpacked, and describes the expected ones; `None` if
+    /// they are right.
     pub(super) fn texture(
         &mut self,
         name: &str,

@@ -268,7 +268,7 @@ fn choose(ui: &mut Ui, plan: &Plan, inspection: &mut Inspection) {
     });
 }
 
-/// Finds the pass that writes a resource last: in the frame or, failing that, in the prologue.
+/// Finds the pass that writes a resource last: in the frame or, failing that, in the prologue. `None` if no pass does.
 fn last_writer(plan: &Plan, resource: &str) -> Option<String> {
     let writes = |pass: &PassId| {
         let uses = &plan.pass(*pass).uses;

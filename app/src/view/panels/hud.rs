@@ -60,7 +60,8 @@ impl Toasts {
         self.shown.push(Toast { number: self.count, topic, text, failed, end, height: 0.0 });
     }
 
-    /// Shows an event as a toast if the user is waiting for it or needs to know it.
+    /// Shows an event as a toast if the user is waiting for it or needs to know it. For a failed load that the card of
+    /// errors shows, removes the scene's toasts instead.
     pub fn tell(&mut self, event: &Event) {
         match event {
             Event::Swapped { renderer, swap } => {

@@ -301,7 +301,8 @@ pub const RULES: SimplificationOptions = SimplificationOptions {
     flatten_tabs_in_tabs: true,
 };
 
-/// Draws the floating window of a tool. Sets `close` to true if the user closes it.
+/// Draws the floating window of a tool. Sets `close` to true if the user closes it. Returns what
+/// [`egui::Window::show`] returns.
 pub fn float(
     ui: &Ui,
     tool: Tool,

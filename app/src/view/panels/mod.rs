@@ -325,7 +325,7 @@ impl Panels {
         self.undo.steps()
     }
 
-    /// Returns the item that is selected in all tools.
+    /// Returns the item that is selected in all tools; `None` if none is.
     pub fn selection(&self) -> Option<&Selection> {
         self.selection.as_ref()
     }

@@ -70,7 +70,7 @@ struct FrameInFlight {
     plan: Arc<Plan>,
     inspected: Vec<Inspect>,
     first: Option<PendingSwap>,
-    /// Result that was taken out of order, before older frames were finished.
+    /// Result, if it was taken out of order, before older frames were finished.
     result: Option<FrameResult>,
 }
 

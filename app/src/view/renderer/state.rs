@@ -108,7 +108,7 @@ pub(super) fn ends_device(error: &BackendError) -> bool {
 /// The requested and the running build. If there is neither, the newest build has succeeded or failed.
 #[derive(Default)]
 pub(super) struct BuildState {
-    /// The next build, for the changes since the running one began.
+    /// The next build, for the changes since the running one began; `None` without changes.
     pub requested: Option<PendingBuild>,
     pub running: Option<Attempt>,
     /// `None` while a build is requested or running.

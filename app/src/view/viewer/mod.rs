@@ -277,7 +277,8 @@ impl Viewer {
         self.all().map(of).sum()
     }
 
-    /// Returns the time at which the next frame is due, unless a wake or the end of a frame comes first.
+    /// Returns the time at which the next frame is due, unless a wake or the end of a frame comes first. `None` if only
+    /// these cause a frame.
     pub(super) fn next(&self) -> Option<Instant> {
         let of = |viewport: &Viewport| {
             let retry = viewport.renderer.retry().filter(|_| viewport.waits());

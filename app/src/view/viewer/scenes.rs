@@ -50,7 +50,7 @@ impl Viewer {
         self.scene_errors[opening::index(id)].as_ref().map(|(_, text)| text.as_str())
     }
 
-    /// Returns the path of the scene whose error [`Viewer::scene_error`] returns.
+    /// Returns the path of the scene whose error [`Viewer::scene_error`] returns; `None` without an error.
     fn failed_scene(&self, id: RendererId) -> Option<&Path> {
         self.scene_errors[opening::index(id)].as_ref().map(|(path, _)| path.as_path())
     }

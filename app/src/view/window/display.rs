@@ -62,7 +62,8 @@ mod wayland {
         is_set("WAYLAND_SOCKET") || socket().is_some_and(|path| UnixStream::connect(path).is_ok())
     }
 
-    /// Returns the path of the compositor's socket: `WAYLAND_DISPLAY`, in `XDG_RUNTIME_DIR` unless absolute.
+    /// Returns the path of the compositor's socket: `WAYLAND_DISPLAY`, in `XDG_RUNTIME_DIR` unless absolute. `None` if
+    /// these variables do not give it.
     fn socket() -> Option<PathBuf> {
         let name = std::env::var_os("WAYLAND_DISPLAY").filter(|name| !name.is_empty())?;
         let name = PathBuf::from(name);

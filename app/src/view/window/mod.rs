@@ -69,9 +69,9 @@ pub struct WindowOptions<'a> {
     pub kept: Option<PathBuf>,
     /// Function that sets the initial state of the shell.
     pub setup: Setup<'a>,
-    /// Destination of events, one JSON object per line.
+    /// Destination of events, one JSON object per line; `None` to write none.
     pub events: Option<Log>,
-    /// File for a picture of the window, saved once everything is built; the window then closes.
+    /// File for a picture of the window, saved once everything is built; the window then closes. `None` to save none.
     pub screenshot: Option<PathBuf>,
     /// Minimum number of frames before the screenshot is saved or the window closes; both also wait until everything is
     /// built. `None` means 3 with a screenshot; without one, the window stays open.

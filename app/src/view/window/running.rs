@@ -56,9 +56,9 @@ pub struct Running {
     pub asked: bool,
     /// True if the window system has discarded the window's content.
     pub redraw: bool,
-    /// Time of the next frame.
+    /// Time of the next frame; `None` to draw it only on request.
     pub next: Option<Instant>,
-    /// Time of the next poll of frames in flight.
+    /// Time of the next poll of frames in flight; `None` if there are none.
     pub look: Option<Instant>,
     /// The next frame is not drawn before this time; see [`Running::interval`].
     pub earliest: Instant,
