@@ -128,7 +128,7 @@ fn removed(pass: &'static str) -> impl FnOnce(&mut Case) {
     move |case| case.before(pass).clear()
 }
 
-/// Clears bits in the barriers before a pass: stages and accesses of the source and of the target.
+/// Returns a mistake that clears bits in the barriers before a pass: stages and accesses of the source and the target.
 fn cleared(pass: &'static str, source: Side, target: Side) -> impl FnOnce(&mut Case) {
     move |case| {
         for barrier in case.before(pass) {
