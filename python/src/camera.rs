@@ -17,7 +17,7 @@ use std::path::PathBuf;
 ///     K: intrinsics in pixels, [3, 3]: fx, fy, and the principal point cx, cy from the picture's top left corner. The
 ///         focal lengths of an orthographic camera are pixels per world unit, and those of a fisheye camera are pixels
 ///         per radian. An equirectangular camera ignores them, but they must be positive, and the principal point must
-///         be the middle of the picture.
+///         be within a pixel of the middle of the picture, to which it is moved.
 ///     width: width of the picture, in pixels.
 ///     height: height of the picture, in pixels.
 ///     name: name for files and messages.

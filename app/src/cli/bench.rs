@@ -191,7 +191,7 @@ fn write_json(args: &Args, report: &impl Serialize, last: bool) -> Result<()> {
 }
 
 /// Prints the tables, to standard error if the JSON goes to standard output, and writes all files. `plots` are pairs of
-/// file name and plot.
+/// file name, without extension, and plot.
 fn finish(
     args: &Args,
     (text, csv): (&str, &str),

@@ -17,7 +17,8 @@ fn beside(spec: Option<&str>, scene: Option<&Path>) -> Option<PathBuf> {
 
 /// Loads all cameras of `--cameras`, or else the first camera of the file beside the scene.
 ///
-/// Prints which file beside the scene is used, or why it is not. Returns `None` if no camera is usable.
+/// Prints which file beside the scene is used, or why it is not. Returns `None` if there is no such file, or it is not
+/// usable.
 ///
 /// # Errors
 /// `spec` is invalid, cannot be read, or has no cameras; see [`parse`].
@@ -120,7 +121,7 @@ pub fn parse(spec: &str, ignore_distortion: bool) -> Result<Vec<Camera>, CameraE
     Ok(dataset.into_cameras())
 }
 
-/// Tells the user which file moved the cameras.
+/// Tells the user which file moved the cameras, if any.
 pub fn tell_alignment(dataset: &Dataset) {
     if let Some(file) = &dataset.alignment {
         say(format!("the cameras are moved to the space of nerfstudio's scene, by {}", file.display()));

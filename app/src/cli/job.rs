@@ -118,7 +118,7 @@ pub trait Work: Send {
     /// The scene cannot be loaded, there is no device, or the graph is invalid.
     fn open(&mut self) -> Result<Origin>;
 
-    /// Does the views with these indices and writes their files. Call [`Work::open`] first.
+    /// Processes the views with these indices and writes their files. Call [`Work::open`] first.
     ///
     /// # Errors
     /// A view failed. Close and reopen the work before the next call.
@@ -265,8 +265,8 @@ impl Job {
         &self.outputs.views
     }
 
-    /// Does the views without current, undamaged results. `views` are indices into [`Job::views`]. A failed view does
-    /// not stop the others, and its files are removed; see [`Ran::failed`].
+    /// Processes the views without current, undamaged results. `views` are indices into [`Job::views`]. A failed view
+    /// does not stop the others, and its files are removed; see [`Ran::failed`].
     ///
     /// # Errors
     /// The scene cannot be loaded, there is no device, the folder has results of another request, or the files of a
@@ -349,7 +349,7 @@ impl Job {
     }
 }
 
-/// Does the views of a shard and reports the failures. With `validate`, validation messages are a failure.
+/// Processes the views of a shard and reports the failures. With `validate`, validation messages are a failure.
 ///
 /// # Errors
 /// See [`Job::run`].

@@ -146,8 +146,8 @@ pub fn scene_or_demo(
 
 const FRAMING: &str = "framing";
 
-/// Lists the names of the cameras of [`scene_and_cameras`], before empty and duplicate ones get unique names, and
-/// before the scene is loaded.
+/// Lists the names that the cameras of [`scene_and_cameras`] have before empty and duplicate names are replaced. Does
+/// not load the scene.
 pub fn camera_names(scene: Option<&Path>, given: Option<&[Camera]>) -> Vec<String> {
     let own = || {
         scene.is_none().then(demo::camera).flatten().map_or_else(|| FRAMING.into(), |camera| camera.img_name)
@@ -155,7 +155,7 @@ pub fn camera_names(scene: Option<&Path>, given: Option<&[Camera]>) -> Vec<Strin
     given.map_or_else(|| vec![own()], |all| all.iter().map(|camera| camera.img_name.clone()).collect())
 }
 
-/// Lists the cameras' names as unique file names of at most `room` bytes, before the scene is loaded.
+/// Converts the names of [`camera_names`] to unique file names of at most `room` bytes.
 pub fn stems(scene: Option<&Path>, given: Option<&[Camera]>, room: usize) -> Vec<String> {
     names::unique(&camera_names(scene, given), room)
 }

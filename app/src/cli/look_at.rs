@@ -84,6 +84,9 @@ impl LookAtArgs {
     }
 
     /// Makes the cameras, in the scene's coordinates; `None` if [`LookAtArgs::names`] returns `None`.
+    ///
+    /// # Errors
+    /// See [`LookAtArgs::circle`].
     pub fn cameras(
         &self,
         scene: &Scene,
@@ -331,7 +334,7 @@ mod tests {
         }
         let wide = parse("--fov 340").unwrap().cameras(&scene, None, Projection::Fisheye).unwrap().unwrap();
         assert_eq!(wide[0].position, Camera::framing(&scene, 960, 540).position);
-        // A long scene is farther away at its sides, and whole in every picture of the circle.
+        // The circle around a long scene is larger, so that each of its pictures shows the whole scene.
         let long = synth::generate("uniform", 500, 0).unwrap();
         let long = Scene::joined(&[0.0, 4.0, 8.0].map(|x| {
             let translation = DVec3::new(x, 0.0, 0.0);
@@ -378,7 +381,7 @@ mod tests {
             let camera = made(words, Projection::Equirectangular).unwrap();
             (camera.axes()[1][1], camera.axes()[2])
         };
-        // From above the middle, from the middle itself but for x, and without an eye.
+        // From high above, from almost straight above the middle, and without an eye.
         for level in ["--eye 0.5,-40,-4", "--eye 0.1,-30,0", "--up 0,-1,0"] {
             let (down, forward) = panorama(level);
             assert!((down - 1.0).abs() < 1e-9 && forward[1].abs() < 1e-9, "{level}: {forward:?}");

@@ -1,9 +1,9 @@
 //! Defines the command line, one module per command.
 //!
-//! A command is a struct of arguments, documented by its help text, and a function `run`. Results go to standard
-//! output, everything else to standard error. The exit code is 0 for success, 1 for a failure, 2 for an invalid command
-//! line, and 128 plus the signal's number after a signal. An output that would overwrite an input or another output is
-//! an invalid command line, detected before anything is drawn.
+//! A command is a struct of arguments, documented by its help text, and a function `run`. Results, and notes on written
+//! files, go to standard output; other messages go to standard error. The exit code is 0 for success, 1 for a failure,
+//! 2 for an invalid command line, and 128 plus the signal's number after a signal. An output that would overwrite an
+//! input or another output is an invalid command line, detected before anything is drawn.
 
 mod advise;
 mod bench;

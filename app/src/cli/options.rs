@@ -260,8 +260,8 @@ pub struct MemoryArgs {
 /// Options for the number of frames of a measurement.
 #[derive(Debug, clap::Args)]
 pub struct EffortArgs {
-    /// Maximum number of rounds. Measuring ends earlier once the time is precise enough, or after 8 seconds. With fewer
-    /// than 8 frames in all rounds, all differences in time count as noise
+    /// Maximum number of rounds. Measuring a setting in a view ends earlier once its time is precise enough, or after 8
+    /// seconds. With fewer than 8 frames in all rounds, all differences in time count as noise
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
     /// Frames per round; the baseline draws as many, interleaved [default: 1 to 3, from the frame time]
@@ -275,7 +275,8 @@ impl EffortArgs {
     }
 }
 
-/// Registers the scene, or the demo scene, and the camera file as inputs, so that no output can overwrite them.
+/// Registers the scene, or the demo scene, and the files of its cameras as inputs, so that no output can overwrite
+/// them.
 pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<OutputGuard, Usage> {
     let mut guard = OutputGuard::default();
     match scene {

@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 /// Measure quality and time as splats are removed
 ///
 /// Draws the scene with all splats, a half, a quarter and so on, chosen in four ways: the first of the file, the
-/// largest by opacity times size in the world, the largest by opacity times size on the screen, and the nearest visible
+/// largest by opacity times area in the world, the largest by opacity times area on the screen, and the nearest visible
 /// ones. The largest are chosen before keys are made, as usual for levels of detail. The nearest are cut after the
 /// sort, for which tiles use `sorted=splats`; they are a half, a quarter and so on of the visible splats, so fewer if
 /// some are outside of the view (`drawn` in sweep.csv). Each picture is compared with the exact renderer's picture of
@@ -199,8 +199,8 @@ impl Work for Views {
 /// Command name in the `job.json` of shared folders.
 pub const COMMAND: &str = "sweep";
 
-/// Writes the report of the views that several processes measured. Each picture is in one of `folders`. Without the
-/// first view, the report has no pictures.
+/// Prints and writes the report of the views that several processes measured. The pictures of the first view are read
+/// from `folders`; without that view, the report has no pictures.
 pub fn merge(origin: &Origin, parts: Vec<Part>, folders: &[PathBuf], output: &Path) -> Result<()> {
     let empty: SweepResult = job::request(origin)?;
     let first = parts.first().and_then(|part| part.steps.first()).map(|step| step.camera.clone());

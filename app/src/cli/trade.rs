@@ -239,7 +239,8 @@ struct Request {
     same_plan: SamePlan,
 }
 
-/// Writes the ledger of the views that several processes measured. `found` lists the views' result files.
+/// Prints and writes the ledger of the views that several processes measured. `found` lists the result files of
+/// `parts`.
 pub fn merge(origin: &job::Origin, parts: Vec<Vec<Row>>, found: &[PathBuf], output: &Path) -> Result<()> {
     let mut origin = origin.clone();
     let Request { names, command, same_plan } = job::request(&origin)?;

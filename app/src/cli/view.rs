@@ -83,7 +83,7 @@ pub struct Args {
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     scale: f32,
     /// Tools to open, comma-separated [default: as in the last window (not with --screenshot or --frames), or
-    /// parameters,times,timeline,hud]
+    /// parameters,times,timeline,hud; in a window below 900 pixels wide, parameters,hud]
     #[arg(long, value_name = "PANELS", value_enum, value_delimiter = ',')]
     show: Vec<ShowPanel>,
     /// Inspect a resource after a pass (names as in `dump`), in the inspector

@@ -48,7 +48,7 @@ pub struct Cursor {
 /// A bracket with its contents: `()`, `[]` or `{}`; or the whole file.
 #[derive(Clone, Debug, Default)]
 pub struct Group {
-    /// The name before the opening parenthesis, such as `Dispatch`; empty if there is none.
+    /// The name before the opening bracket, such as `Dispatch`; empty if there is none.
     pub name: String,
     /// The field or key that has the bracket as its value; empty if there is none.
     pub lead: String,

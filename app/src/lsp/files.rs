@@ -48,7 +48,8 @@ pub struct Search {
 }
 
 impl Search {
-    /// Lists the graphs that may use the file at a canonical path. Leaves out folders that were listed before.
+    /// Lists the graphs that may use the file at a canonical path. Leaves out folders that were listed before. May list
+    /// a graph twice.
     pub fn users_of(&mut self, file: &Path) -> Vec<PathBuf> {
         let mut found = Vec::new();
         for folder in file.ancestors().skip(1) {

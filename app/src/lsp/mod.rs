@@ -85,7 +85,7 @@ pub fn serve(connection: &Connection) -> Result<bool> {
     loop {
         let received = match server.workspace.is_settled {
             true => connection.receiver.recv().map_err(Into::into),
-            // Messages that wait come before the build of the next graph.
+            // Waiting messages are handled before the next graph is built.
             false => connection.receiver.recv_deadline(server.build_at),
         };
         match received {
@@ -145,7 +145,7 @@ impl Server {
             }
             Message::Request(request) if request.method == Shutdown::METHOD => {
                 self.is_shut_down = true;
-                // No graph is built any more.
+                // No further graphs are built.
                 self.workspace.is_settled = true;
                 connection.sender.send(Response::new_ok(request.id, ()).into())?;
             }
@@ -233,7 +233,7 @@ impl Server {
     /// Lists the diagnostics of the files in which they changed, and records them as shown.
     fn changed_diagnostics(&mut self) -> Vec<PublishDiagnosticsParams> {
         let mut found = self.workspace.diagnostics();
-        // The graph that gave these was dropped, and is built again.
+        // The graph that gave these diagnostics was dropped, and is built again later.
         let waiting = self.shown.iter().filter(|(path, _)| self.workspace.is_waiting(path));
         found.extend(waiting.map(|(path, shown)| (path.clone(), shown.clone())));
         let gone = self.shown.keys().filter(|path| !found.contains_key(*path)).cloned().collect::<Vec<_>>();

@@ -216,8 +216,8 @@ impl Notes {
     }
 }
 
-/// Compares the pictures. Returns the text to print, and the reasons to fail: a PSNR below `--min-psnr`, and pairs of
-/// folders that cannot be compared. Fails if no pair can be compared.
+/// Compares the pictures, and writes the files of `--diff`. Returns the text to print, and the reasons to fail: a PSNR
+/// below `--min-psnr`, and pairs of folders that cannot be compared. Fails if no pair can be compared.
 fn compare(args: &Args) -> Result<(String, Vec<String>)> {
     let Work { pairs, folders, diffs } = prepare(args)?;
     let mut notes = Notes::default();
