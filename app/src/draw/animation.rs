@@ -10,7 +10,7 @@ pub fn is_animated(plan: &Plan) -> bool {
     plan.resources.iter().any(|resource| resource.history.is_some()) || reads_camera(plan, FRAME_NUMBER)
 }
 
-/// Returns a note if the plan ignores `background`; none for black, to which pictures are usually cleared.
+/// Returns a note if the plan ignores `background`, unless it is black, to which pictures are usually cleared.
 pub fn background_note(plan: &Plan, background: [f32; 3]) -> Option<String> {
     (background != [0.0; 3] && !reads_camera(plan, BACKGROUND)).then(|| {
         format!("{}: --background has no effect: no shader of the graph reads `camera.background`", plan.name)

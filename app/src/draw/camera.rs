@@ -80,12 +80,12 @@ pub fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
     [(near - rounding).max(NEAR), (far + rounding).max(NEAR)]
 }
 
-/// Bound on the error of a view depth in f32, relative to the sum of the coordinates that it is computed from: four
-/// roundings, doubled.
+/// Bound on the error of a view depth in f32, relative to the sum of its coordinates: four roundings, doubled.
 pub const ROUNDING: f64 = 8.0 / (1u64 << 24) as f64;
 
-/// Computes an upper bound on the distance from the camera to any splat in the scene's box, also if a shader computes
-/// that distance in f32.
+/// Computes an upper bound on the distance from the camera to any point in the scene's box.
+///
+/// It also bounds distances that a shader computes in f32.
 fn farthest(camera: &Camera, bounds: &Bounds) -> f64 {
     let corner =
         bounds.corners().into_iter().map(|corner| DVec3::from(corner).distance(camera.position.into()));

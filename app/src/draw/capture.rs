@@ -27,7 +27,7 @@ pub struct Capture {
 /// Draws a frame of a prepared session, and reads its picture and order back.
 ///
 /// # Errors
-/// The session is not prepared, the device fails, or the graph's output has no colours.
+/// See [`Session::submit`] and [`Session::wait`]; also, the graph's output has no colours.
 pub fn take(session: &mut Session, camera: &Camera) -> Result<Capture, SessionError> {
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
     let inspect: Vec<Inspect> = order_of(plan).into_iter().collect();

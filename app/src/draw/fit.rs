@@ -82,8 +82,9 @@ impl Target {
         Target { heap: device.heap(), ..Target::of(device.info()) }.limited(limit)
     }
 
-    /// Describes the shaders of a plan that bind more storage buffers than the device allows, or else those that bind
-    /// more storage images. `None` if there are none, or the limits are unknown.
+    /// Describes the plan's shaders that bind more storage buffers, or else storage images, than the device allows.
+    ///
+    /// `None` if there are none, or the limits are unknown.
     pub fn exceeded(&self, plan: &Plan) -> Option<String> {
         let is_image = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageImage { .. });
         let is_buffer = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageBuffer { .. });
@@ -268,7 +269,7 @@ fn most(planner: &mut Planner, wanted: &Wanted, device: &Target) -> Option<u64> 
     (fit > 0).then_some(fit)
 }
 
-/// Reads the header of a scene file, and rejects a scene that cannot fit the device before its splats are loaded.
+/// Rejects a scene that cannot fit the device, by its file's header, so that its splats are not loaded first.
 ///
 /// The header does not show which bands of harmonics are used, so only band 0 is counted. The picture has the default
 /// size.
@@ -335,8 +336,9 @@ fn loading(bytes: u64) -> String {
 }
 
 impl Fit {
-    /// Returns a line that names a level of the scene with few enough splats, or else a command that removes enough
-    /// splats; empty if no number of splats is known to fit. The scene at `path` was loaded with `load`.
+    /// Returns a line that names a coarser level with few enough splats, or else a command that removes splats.
+    ///
+    /// Empty if no number of splats is known to fit. The scene at `path` was loaded with `load`.
     pub fn advice(&self, path: &Path, load: &LoadOptions) -> String {
         let Some(most) = self.most_splats else { return String::new() };
         let coarser = load.level.unwrap_or(0).saturating_add(1)..;

@@ -62,10 +62,10 @@ pub struct Keys {
 const CLASS_BITS: u32 = 11;
 
 impl Keys {
-    /// Prepares keys of `bits` bits, of which equalised keys use at most 31, for depths from `near` to `far`, the range
-    /// of the scene's box.
+    /// Prepares keys of `bits` bits for depths from `near` to `far`, the range of the scene's box.
     ///
-    /// `depths` are those of the frame's visible splats; only [`Mapping::Equalised`] reads them.
+    /// Equalised keys use at most 31 bits. `depths` are those of the frame's visible splats; only
+    /// [`Mapping::Equalised`] reads them.
     pub fn new(map: Mapping, (near, far): (f32, f32), bits: u32, depths: impl Iterator<Item = f32>) -> Keys {
         let mut keys = Keys { map, range: (near, far.max(near)), bits, starts: Vec::new() };
         if map == Mapping::Equalised {

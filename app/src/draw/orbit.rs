@@ -74,8 +74,9 @@ pub fn turn_between(from: &Camera, to: &Camera) -> f64 {
     2.0 * turn.xyz().length().atan2(turn.w.abs()).to_degrees()
 }
 
-/// Turns a camera towards a point and zooms by a factor, for pictures of the given size in pixels, with the point in
-/// the middle. Keeps the roll.
+/// Turns a camera towards a point and zooms by a factor, so that the point is in the middle of the picture.
+///
+/// Keeps the roll. The size is that of the new picture, in pixels.
 pub fn facing(camera: &Camera, target: [f64; 3], zoom: f64, (width, height): (u32, u32)) -> Camera {
     let [right, down, forward] = camera.axes().map(DVec3::from);
     let position = DVec3::from(camera.position);

@@ -101,7 +101,7 @@ pub fn sorts_by_distance(plan: &Plan) -> bool {
     plan.params.iter().any(|param| param.name == "key_of" && param.value == by_distance)
 }
 
-/// Says that depth outputs contain distances from the camera, for a picture whose splats are sorted by distance.
+/// Reports that depth outputs contain distances from the camera, for a picture whose splats are sorted by distance.
 ///
 /// `None` if `outputs` names no depth. `change` is the option that sorts by view depth.
 pub fn distance_note<'a>(outputs: impl IntoIterator<Item = &'a str>, change: &str) -> Option<String> {
@@ -115,7 +115,7 @@ pub fn distance_note<'a>(outputs: impl IntoIterator<Item = &'a str>, change: &st
     })
 }
 
-/// Says that outputs do not contain the mesh, for a picture that does. `None` without outputs.
+/// Reports that outputs do not contain the mesh, for a picture that does. `None` without outputs.
 pub fn mesh_note<'a>(outputs: impl IntoIterator<Item = &'a str>) -> Option<String> {
     let names: Vec<String> = outputs.into_iter().map(|name| format!("`{name}`")).collect();
     let what = "of the splats in front of the mesh, without the mesh itself";

@@ -116,11 +116,10 @@ impl Picked {
     }
 }
 
-/// Lists the splats that are blended at a pixel, as if hidden splats did not exist, and selects the splat with the
-/// largest share.
+/// Lists the splats that are blended at a pixel, and selects the one with the largest share.
 ///
-/// `camera` is in the scene's coordinates, with the size of the picture. `cancelled` is called from several threads.
-/// Returns `None` for a pixel outside the picture, or once `cancelled` returns true.
+/// Hidden splats count as absent. `camera` is in the scene's coordinates, with the size of the picture. `cancelled` is
+/// called from several threads. Returns `None` for a pixel outside the picture, or once `cancelled` returns true.
 pub fn pick(
     masked: &Masked,
     camera: &Camera,

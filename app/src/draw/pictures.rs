@@ -78,7 +78,7 @@ impl<T: Send + 'static> Pictures<T> {
     }
 }
 
-/// Waits for the pictures in progress, even after an error, so that the process does not end in the middle of a file.
+/// Waits for the pictures in progress, even after an error, so that the process does not end within a file.
 impl<T> Drop for Pictures<T> {
     fn drop(&mut self) {
         self.unfinished.drain(..).for_each(|picture| _ = picture.recv());

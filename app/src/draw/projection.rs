@@ -163,8 +163,9 @@ pub fn convert_all(
     Ok(cameras.iter().map(converted).collect::<Result<_, _>>()?)
 }
 
-/// Gives a pinhole camera that is to become a panorama the shape 2:1, which players of panoramas expect. Returns other
-/// cameras unchanged.
+/// Resizes a pinhole camera to 2:1 if it becomes a panorama: players expect that shape.
+///
+/// Returns other cameras unchanged.
 pub fn shaped(camera: &Camera, graph: Projection) -> Camera {
     match (camera.projection, graph) {
         (Projection::Pinhole, Projection::Equirectangular) => {

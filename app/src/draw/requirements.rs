@@ -189,7 +189,7 @@ impl Case {
         self.search(&condition, &choices, &mut 10_000)
     }
 
-    /// Searches at most `tries` combinations of values for one with which the condition holds.
+    /// Searches at most `tries` combinations of values for one with which the condition holds; `None` if none does.
     fn search(&self, condition: &Expr, choices: &[(&str, Vec<Value>)], tries: &mut u32) -> Option<Case> {
         let Some(((name, values), others)) = choices.split_first() else {
             *tries = tries.checked_sub(1)?;

@@ -40,7 +40,7 @@ type Setting = Option<(String, String)>;
 /// Storage that was chosen, and the settings that were tried before it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Choice {
-    /// Setting to add to the user's.
+    /// Setting to add to the user's; `None` if the graph's own storage fits.
     pub set: Setting,
     /// Tried settings with their resident bytes; the chosen one is last.
     tried: Vec<(Setting, u64)>,

@@ -34,10 +34,12 @@ pub fn format_of(path: &Path) -> Result<SceneFormat, String> {
 
 /// Writes a scene in a format, and returns the number of bytes; `-` is standard output.
 ///
-/// `version` applies only to [`SceneFormat::Spz`]; with it, `progress` is not called.
+/// `version` is that of [`SceneFormat::Spz`], `None` for its default; other formats ignore it. Only
+/// [`SceneFormat::Sog`] calls `progress`.
 ///
 /// # Errors
-/// The file cannot be written. An existing file is then kept.
+/// The file cannot be written, the format cannot store the scene (see [`Scene::write`]), or `progress` cancels. An
+/// existing file is then kept.
 pub fn write(
     scene: &Scene,
     format: SceneFormat,
@@ -50,10 +52,10 @@ pub fn write(
     Ok(bytes)
 }
 
-/// Writes a scene to a new file in a format, and returns the number of bytes.
+/// Writes a scene to a new file in a format, as [`write()`] does, and returns the number of bytes.
 ///
 /// # Errors
-/// The file exists, even if it was created meanwhile, or it cannot be written.
+/// Those of [`write()`]; also, the file exists, even if it was created meanwhile.
 pub fn write_new(
     scene: &Scene,
     format: SceneFormat,
@@ -211,8 +213,9 @@ pub fn mixed_tags(scene: &Scene) -> Option<String> {
     Some(format!("tags that are ignored, because the scenes differ in them: {tags}"))
 }
 
-/// Describes the steps of positions if they are larger than the splats or, in SPZ, than usual, and advises a remedy if
-/// there is one; `None` for smaller steps.
+/// Describes the steps of positions if they are larger than the splats or, in SPZ, than usual.
+///
+/// Advises a remedy if there is one. `None` for smaller steps.
 pub fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
     if let Some(steps) = scene.large_steps(format) {
         return Some(format!("positions: {steps}; write the scene in parts (`--crop`), one file for each"));
@@ -250,8 +253,9 @@ pub fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
     Some(format!("positions: steps of {step}, not {finest}, because a coordinate is {largest:.0}{advice}"))
 }
 
-/// Names the bands of harmonics that are all zero but take bytes in a format, and the option that leaves them out;
-/// `None` if there are none.
+/// Names the bands of harmonics that are all zero but take bytes in a format; `None` if there are none.
+///
+/// The text includes the option that leaves them out.
 pub fn empty_bands(scene: &Scene, format: SceneFormat) -> Option<String> {
     let (used, stored) = (scene.effective_degree(), scene.stored_degree());
     let (bytes, rounded) = match format {
@@ -357,7 +361,7 @@ fn clipped(scene: &Scene, format: SceneFormat) -> Vec<String> {
     counted.map(|(values, count, text)| format!("{values}: {} {text}", grouped(count as u64))).collect()
 }
 
-/// Lists what a file of a scene lacks, one phrase per loss, except for the rounding that the format always does.
+/// Lists what a file of a scene lacks, one phrase per loss, without the rounding that the format always does.
 pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
     [not_stored(scene, format), clipped(scene, format)].concat()
 }
@@ -415,8 +419,9 @@ impl Original {
         }
     }
 
-    /// Lists what a file of `written` lacks compared with the original, one phrase per loss, without the losses that no
-    /// picture shows.
+    /// Lists what a file of `written` lacks compared with the original, one phrase per loss.
+    ///
+    /// Losses that no picture shows are left out.
     pub fn losses(&self, written: &Scene, format: SceneFormat) -> Vec<String> {
         let Losses { mut losses, chosen_losses, .. } = Losses::of(&[("", self)], written, format);
         losses.extend(chosen_losses);

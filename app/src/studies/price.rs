@@ -52,12 +52,11 @@ pub struct Measured {
     pub scores: Evaluation,
 }
 
-/// Writes the scene in each of `formats`, reads it back, and compares its exact pictures with those of `truth`, or of
-/// the scene itself.
+/// Writes the scene in each of `formats`, reads it back, and compares its exact pictures with the truth's.
 ///
-/// Cameras are in the world's coordinates, because the files can have other offsets than the scene. A format that loses
-/// the scene's tags is drawn without them, which counts as error. The scene's mesh is not drawn: no format stores it,
-/// and the price is that of the splats.
+/// Without a `truth`, the scene itself is the truth. Cameras are in the world's coordinates, because the files can have
+/// other offsets than the scene. A format that loses the scene's tags is drawn without them, which counts as error. The
+/// scene's mesh is not drawn: no format stores it, and the price is that of the splats.
 ///
 /// # Errors
 /// A picture, a file or a second scene does not fit in memory, a written file cannot be read, or its pictures have

@@ -83,7 +83,8 @@ impl View {
     /// Computes the distance between two views, in radians.
     ///
     /// A rotation counts as its angle. A translation by `radian` world units counts as 1, as does a change of the focal
-    /// length by a factor of e, and an offset of the principal point by the picture's height.
+    /// length by a factor of e, and an offset of the principal point by the picture's height. The distance is the
+    /// Euclidean norm of these components.
     pub(super) fn distance(&self, to: &View, radian: f64) -> f64 {
         let way = (to.position - self.position).length() / radian;
         let between = self.rotation.inverse() * to.rotation;

@@ -95,7 +95,7 @@ impl Words {
         })
     }
 
-    /// Formats the word at `index`; `None` beyond the end.
+    /// Formats the word at `index`, a float with six decimals; `None` beyond the end.
     pub fn text(&self, index: usize, read: ReadAs) -> Option<String> {
         Some(match (self, read) {
             (Words::Uint(words), ReadAs::Uint) => words.get(index)?.to_string(),
@@ -119,8 +119,9 @@ impl Words {
         values
     }
 
-    /// Counts the values of every `stride`th word with an index in `range`, in `bins` bins that divide the range of the
-    /// finite values equally.
+    /// Counts the values of every `stride`th word with an index in `range`.
+    ///
+    /// The `bins` bins divide the range of the finite values equally.
     pub fn histogram(&self, range: Range<usize>, stride: usize, read: ReadAs, bins: usize) -> Histogram {
         let range = range.start.min(self.len())..range.end.min(self.len());
         let numbers = || range.clone().step_by(stride.max(1)).filter_map(|index| self.number(index, read));

@@ -228,6 +228,8 @@ impl Finding {
     }
 
     /// Formats the shape, the order of the keys, the range of each channel, and the first and last words.
+    ///
+    /// Up to 16 words are all shown.
     pub fn text(&self) -> String {
         let shape: Vec<String> = self.shape.iter().map(u64::to_string).collect();
         let mut text = format!("{} after {}: {} words", self.resource, self.pass, shape.join(" x "));

@@ -314,11 +314,11 @@ impl Session {
         plan
     }
 
-    /// Chooses the most accurate storage that fits in the device's memory and in `limit` bytes, for pictures of this
-    /// size, and sets it like [`Session::set_graph`].
+    /// Chooses the most accurate storage that fits in the device's memory and in `limit` bytes.
     ///
-    /// Returns `None` like [`Choice::within`], and if there is no limit and the scene is small for the device. The
-    /// storage is then unchanged.
+    /// The choice is for pictures of this size, and is set like [`Session::set_graph`]. Returns `None` like
+    /// [`Choice::within`], and if there is no limit and the scene is small for the device. The storage is then
+    /// unchanged.
     ///
     /// # Errors
     /// There is a limit, and the graph has errors, or no storage fits.
@@ -478,7 +478,8 @@ impl Session {
         new.map(|(_, text)| format!("{}: {text}", self.pipeline)).collect()
     }
 
-    /// Returns a note for a background that the current plan ignores, once per session; see [`background_note`].
+    /// Returns a note for a background that the current plan ignores, once per session; see [`background_note`]. `None`
+    /// without a plan.
     pub fn background_note(&mut self, background: [f32; 3]) -> Option<String> {
         let (plan, _) = self.loaded.as_ref()?;
         background_note(plan, background).filter(|_| self.told_settings.insert("--background".to_owned()))

@@ -234,7 +234,7 @@ fn set(image: &mut Image<f64>, at: x::Vec2<usize>, pixel: [f64; 3]) {
     image.rgb[at.y() * image.width + at.x()] = pixel;
 }
 
-/// Reads three channels as red, green and blue, or one as all of them.
+/// Reads three channels as red, green and blue, or one as grey, from the first layer that has them.
 fn read(path: &Path, channels: &[x::Text]) -> Result<Image<f64>, ImageError> {
     let fail = |error: exr::error::Error| ImageError::new(path, error);
     let file = open(path)?;

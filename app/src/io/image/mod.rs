@@ -65,8 +65,9 @@ impl Image {
         }
     }
 
-    /// Returns false for a picture file that was cut after its header, for a PNG file with a wrong signature or
-    /// checksum, and for an EXR file that cannot be unpacked.
+    /// Returns false for a picture file with detectable damage.
+    ///
+    /// Such damage is a cut file, a wrong signature or checksum of a PNG, and a block of an EXR that cannot be unpacked.
     ///
     /// # Errors
     /// The extension is not `.png`, `.exr` or `.npy`, the file cannot be read, or the header of an EXR or NumPy file is

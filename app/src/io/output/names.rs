@@ -24,8 +24,9 @@ pub fn ends_in_separator(path: &Path) -> bool {
     path.as_os_str().as_encoded_bytes().last().is_some_and(|byte| is_separator(char::from(*byte)))
 }
 
-/// Returns the name of a scene's file up to the first dot, for names of files that are made from the scene; `scene` if
-/// that is empty.
+/// Returns the name of a scene's file up to the first dot, or `scene` if that is empty.
+///
+/// It names files that are made from the scene.
 pub fn of_scene(scene: &Path) -> String {
     let name = scene.file_name().unwrap_or_default().to_string_lossy();
     name.split('.').next().filter(|stem| !stem.is_empty()).unwrap_or("scene").to_owned()

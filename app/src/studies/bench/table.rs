@@ -106,7 +106,7 @@ fn candidates(rows: &[Row]) -> String {
     table(header, drawn(rows).map(line))
 }
 
-/// Returns a note if the device is idle for more than half of the frames' host time, otherwise an empty string.
+/// Returns a note if the device is idle for more than half of the frames' host time, else an empty string.
 fn resting(row: &Row, found: &Found) -> String {
     let busy = found.mean.gpu_ms.zip(found.mean.wall_ms).map(|(gpu, wall)| gpu.median / wall.median);
     match busy.filter(|busy| *busy < BUSY) {
@@ -138,7 +138,7 @@ fn passes(found: &Found, is_cpu: bool) -> String {
     table(header, found.mean.passes.iter().map(line).chain(once))
 }
 
-/// Formats the GPU times of one scene, number of splats and size, with a row per camera and a column per candidate.
+/// Formats GPU times with a row per camera and a column per candidate, for one scene, number of splats and size.
 fn cameras(rows: &[Row]) -> String {
     let header = iter::once("").chain(drawn(rows).map(|(row, _)| row.pipeline.as_str()));
     let names = drawn(rows).next().map_or(&[][..], |(_, found)| &found.views);

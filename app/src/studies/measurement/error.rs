@@ -63,8 +63,9 @@ pub fn joint_psnr(of_views: impl Iterator<Item = Option<f64>>) -> f64 {
     weighted_psnr(of_views.map(|psnr_db| (psnr_db, 1)))
 }
 
-/// Computes the PSNR of several parts together, each given as its PSNR (`None` without an error) and its number of
-/// pixels; infinite if all errors are 0, or if there are no pixels.
+/// Computes the PSNR of several parts together, each given as its PSNR and its number of pixels.
+///
+/// `None` is a part without an error. The result is infinite if all errors are 0, or if there are no pixels.
 pub fn weighted_psnr(parts: impl Iterator<Item = (Option<f64>, usize)>) -> f64 {
     let (sum, count) = parts.fold((0.0, 0), |(sum, count), (psnr_db, pixels)| {
         (sum + pixels as f64 * squared_error(psnr_db), count + pixels)
@@ -72,8 +73,9 @@ pub fn weighted_psnr(parts: impl Iterator<Item = (Option<f64>, usize)>) -> f64 {
     -10.0 * (sum / count.max(1) as f64).log10()
 }
 
-/// Returns the largest difference of a channel over the `wanted` pixels, and the share of them in which a channel
-/// differs by more than [`STEP`].
+/// Returns the largest difference of a channel, and the share of pixels that differ by more than [`STEP`].
+///
+/// Only the `wanted` pixels count. A pixel differs by its largest difference of a channel.
 fn differences(picture: &Image, truth: &Image, wanted: impl Fn(usize) -> bool) -> (f64, f64) {
     let (mut worst, mut off, mut count) = (0.0f32, 0usize, 0usize);
     for (_, (a, b)) in picture.rgb.iter().zip(&truth.rgb).enumerate().filter(|(pixel, _)| wanted(*pixel)) {

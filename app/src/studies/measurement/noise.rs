@@ -125,7 +125,7 @@ fn outside(turns: usize) -> Option<usize> {
     found
 }
 
-/// Returns true if the range of the turns' median is narrow enough to end the measurement of one view of `views`.
+/// Returns true if the range of the turns' median is narrow enough to end measuring one of `views` views.
 pub fn enough(turns: &[f64], views: usize) -> bool {
     let found = Share::of(turns);
     let narrow = |share: &Share| {

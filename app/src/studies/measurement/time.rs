@@ -47,12 +47,12 @@ pub struct Baseline<'a> {
 /// Divisor of [`interleaved::Frames::choose`]: a round of shares needs fewer frames than a round of milliseconds.
 pub const FRAMES_DIVISOR: u32 = 10;
 
-/// When rounds end before the maximum of an [`Effort`].
+/// Conditions that end rounds before the maximum of an [`Effort`].
 #[derive(Clone, Copy, Debug)]
 pub struct Until {
-    /// Number of views over whose mean the range shall be narrow: the more, the wider the range of each may be.
+    /// Number of views over whose mean the range must be narrow. With more views, the range of each may be wider.
     pub views: usize,
-    /// Maximum duration of the rounds, because on a busy machine the range may never become narrow.
+    /// Duration after which rounds end once there is a range: on a busy machine, it may never become narrow.
     pub longest: Duration,
 }
 
@@ -152,7 +152,8 @@ fn turns(own: &Rounds, exact: &Rounds) -> Option<Vec<f64>> {
     turns.map(|(own, exact)| Some(own.result.total_ms? / exact.result.total_ms?)).collect()
 }
 
-/// Summarises rounds, whose frames have no timestamps of passes, and `profiled` frames, which have.
+/// Summarises rounds, whose frames have no timestamps of passes, and `profiled` frames, which have; `None` without
+/// timestamps.
 fn time(
     plan: &Plan,
     own: &Rounds,

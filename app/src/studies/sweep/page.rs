@@ -35,7 +35,7 @@ pub struct Origin {
     pub frames: Option<u32>,
 }
 
-/// The results of a finished sweep.
+/// The results of a sweep.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SweepResult {
     /// The command that made the files. If it was `merge`, the line before has the command of a shard.

@@ -77,8 +77,8 @@ pub struct Sessions<'a> {
 }
 
 impl<'a> Sessions<'a> {
-    /// Stores the sessions; the setting is loaded with the first view. `plan` is the hash of its plans, and `views` the
-    /// number of views over which times are averaged.
+    /// Stores the sessions; the setting is loaded with the first view. `plan` is the hash of its plans, if known, and
+    /// `views` the number of views over which times are averaged.
     pub fn new(
         exact: &'a mut Session,
         session: &'a mut Session,

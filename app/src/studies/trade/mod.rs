@@ -2,8 +2,8 @@
 //!
 //! [`study()`] measures the graph with every parameter at its exact value, settings that change one parameter, the
 //! graph's defaults, and the presets, without settings whose plans equal an earlier setting's.
-//! [`measure::Sessions`] makes the row of a setting in a view. [`ledger`] stores the rows in a file, so that
-//! an interrupted run can resume; [`table`] prints them, [`page`] plots them, and [`pictures`] stores the pictures that
+//! [`measure::Sessions`] makes the row of a setting in a view. [`ledger`] stores the rows in a file, so that an
+//! interrupted run can resume; [`table`] formats them, [`page`] plots them, and [`pictures`] stores the pictures that
 //! the page shows.
 
 pub mod ledger;

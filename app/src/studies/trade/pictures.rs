@@ -34,8 +34,10 @@ impl Album {
         Album { folder: Some(ledger.with_file_name(FOLDER)) }
     }
 
-    /// Stores a picture, the truth and their difference, if no other view of the setting is as far from the truth. Does
-    /// nothing without a folder, or for a row without measurements. Call it before the row is added to the ledger.
+    /// Stores a picture, the truth and their difference, unless another view is as far from the truth.
+    ///
+    /// Only views of the row's setting are compared. Does nothing without a folder, or for a row without measurements.
+    /// Call it before the row is added to the ledger.
     ///
     /// # Errors
     /// A file cannot be written.

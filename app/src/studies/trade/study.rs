@@ -40,7 +40,7 @@ pub struct Wanted {
     pub frames: Frames,
     /// True pictures, one per camera, with the name of their source; `None` for the exact renderer's.
     pub truths: Option<(String, Vec<Image>)>,
-    /// Facts of the opened device, and its enabled checks: inputs of the ledger's origin.
+    /// How the device was opened, such as with validation; part of [`Origin::opened`].
     pub opened: String,
     /// The file of the ledger, from which an interrupted study resumes, with the pictures' folder next to it.
     ///
@@ -116,7 +116,7 @@ impl Study {
         &self.same_plan
     }
 
-    /// Opens a ledger, with the rows of an earlier run that has the same origin.
+    /// Opens a ledger, with the rows of an earlier run that has the same origin. Without a `file`, nothing is saved.
     ///
     /// # Errors
     /// See [`Book::open`].

@@ -49,7 +49,7 @@ pub struct Origin {
     pub truth: String,
     /// Hash of the pixels in the folder's pictures; empty for `reference`.
     pub truth_content: String,
-    /// Facts of the device, and the checks that are enabled on it.
+    /// Facts of the device, its handling of accesses out of bounds, and [`Wanted::opened`](super::Wanted::opened).
     pub opened: String,
     /// Maximum number of rounds.
     pub rounds: u32,
