@@ -97,6 +97,7 @@ impl Input<'_> {
     /// Allocates the arrays of a scene, as [`Input::allocate`] does, and fills them in parallel from tables.
     ///
     /// `convert` gets the row of every table, empty for [`Table::NONE`], and the splat's index, and pushes one splat.
+    /// Fails if the arrays do not fit in memory, the load is cancelled, or a table cannot be read.
     pub(crate) fn fill<const N: usize>(
         &self,
         (count, degree, wide): (u64, u32, bool),
@@ -236,7 +237,7 @@ impl Source<'_> {
         }
     }
 
-    /// Fills `buffer` with the bytes from offset `at` on.
+    /// Fills `buffer` with the bytes from offset `at` on. Fails if the source has too few.
     pub(crate) fn read(&self, at: u64, buffer: &mut [u8]) -> io::Result<()> {
         match self {
             Self::Bytes(bytes) => {
@@ -404,7 +405,8 @@ pub(crate) struct Buffers {
 }
 
 impl Buffers {
-    /// Calls `work` with a buffer of at least `bytes` bytes, whose contents are unspecified.
+    /// Calls `work` with a buffer of at least `bytes` bytes, whose contents are unspecified. Fails if the buffer does
+    /// not fit in memory, or as `work` does.
     pub(crate) fn with<T>(
         &self,
         bytes: usize,

@@ -88,7 +88,8 @@ impl Recovery {
         self.loss = Some(Loss { error, since: now, attempts: 0, next: now, again });
     }
 
-    /// Tries to open another device if one was lost; returns true if there is a device now.
+    /// Tries to open another device if one was lost; returns true if there is a device now. Fails after [`ATTEMPTS`]
+    /// failed attempts.
     fn reopen(&mut self, shell: &mut Shell, size: (u32, u32)) -> Result<bool> {
         let Some(loss) = &mut self.loss else { return Ok(true) };
         // A running build holds the previous device, and some window systems allow only one per window.

@@ -207,7 +207,8 @@ fn distorted(name: &str, value: f64) -> String {
     format!("`{name}`: expected 0, a lens without distortion, found {value}; {UNDISTORT}{IDEAL}")
 }
 
-/// Converts a frame to a view. `size` returns the size of a photograph, for a view whose size the file lacks.
+/// Converts a frame to a view. `size` returns the size of a photograph, for a view whose size the file lacks. Fails if
+/// a field is missing or the lens is not supported.
 fn view(
     frame: &Fields,
     file: &Fields,

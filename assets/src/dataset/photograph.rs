@@ -26,7 +26,7 @@ pub(super) fn stem(photograph: &str) -> &str {
     }
 }
 
-/// Finds the file of a photograph.
+/// Finds the file of a photograph. Its extension may be missing in `name`, or differ.
 ///
 /// A dataset can come from a stranger, so its names may lead only into `folder` and its parent. The parent is common in
 /// a `transforms.json`: `../images/a.png`.

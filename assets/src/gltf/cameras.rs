@@ -65,7 +65,8 @@ pub(crate) fn cameras(source: &Source) -> Result<(Vec<Camera>, bool), SceneError
     Ok((found, has_animation))
 }
 
-/// Returns the projection, the aspect ratio, and half the view's height (for a pinhole, at distance 1).
+/// Returns the projection, the aspect ratio, and half the view's height (for a pinhole, at distance 1). Fails if a
+/// number is not positive, or the field of view is half a turn or more.
 fn lens(camera: &Lens) -> Result<(Projection, f64, f64), String> {
     let positive = |name: &str, value: f64| match value > 0.0 && value.is_finite() {
         true => Ok(value),

@@ -142,7 +142,8 @@ impl<'a> Container<'a> {
         Ok(Self { document, file_bytes, header_bytes, encoding_bytes, buffers })
     }
 
-    /// Finds the bytes of a buffer view: their source, the offset in it and the view.
+    /// Finds the bytes of a buffer view: their source, the offset in it and the view. Fails if the view exceeds its
+    /// buffer.
     pub(super) fn view(&self, index: usize) -> Result<(Source<'_>, u64, &BufferView), SceneError> {
         let view = item(&self.document.buffer_views, index, "bufferView")?;
         let (bytes, length) = item(&self.buffers, view.buffer, "bufferViews.buffer")?;
@@ -163,7 +164,7 @@ impl<'a> Container<'a> {
     }
 }
 
-/// Opens the buffer that a `uri` refers to.
+/// Opens the buffer that a `uri` refers to, and returns its length, too.
 fn outside<'a>(uri: &str, path: Option<&Path>) -> Result<(Bytes<'a>, u64), String> {
     match uri::resolve(uri, path.and_then(Path::parent))? {
         Resource::Data(bytes) => {

@@ -215,7 +215,8 @@ impl Document {
 
     /// Lists the nodes of the scene by index, each with its transform into the document's world.
     ///
-    /// The scene is the default one, or the first. A document without scenes counts as one scene of all nodes.
+    /// The scene is the default one, or the first. A document without scenes counts as one scene of all nodes. Fails if
+    /// a node is reached twice.
     pub(super) fn placed(&self) -> Result<Vec<(usize, DMat4)>, SceneError> {
         let roots = match self.scene.or((!self.scenes.is_empty()).then_some(0)) {
             Some(scene) => item(&self.scenes, scene, "scene")?.nodes.clone(),

@@ -309,7 +309,8 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Returns the bytes of an accessor's elements, each of `length` bytes.
+    /// Returns the bytes of an accessor's elements, each of `length` bytes. Fails if the accessor is sparse or exceeds
+    /// its buffer view.
     fn elements(
         &self,
         accessor: &Accessor,

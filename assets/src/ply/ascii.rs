@@ -48,7 +48,8 @@ impl<'a> Lines<'a> {
         self.place
     }
 
-    /// Returns the next line that is not blank; `None` at the end of the file.
+    /// Returns the next line that is not blank; `None` at the end of the file. Fails if a line is longer than
+    /// [`MAX_LINE`].
     pub(crate) fn next_row(&mut self) -> Result<Option<Line<'_>>, SceneError> {
         loop {
             self.line.clear();
@@ -135,7 +136,7 @@ pub(crate) fn row(
     Ok(found)
 }
 
-/// Skips an element and returns the bytes of each property's words.
+/// Skips an element and returns the bytes of each property's words. Fails if a row has too few or too many words.
 pub(crate) fn skip(lines: &mut Lines, element: &Element) -> Result<Vec<u64>, SceneError> {
     let mut sizes = vec![0; element.properties.len()];
     for row in 0..element.count {

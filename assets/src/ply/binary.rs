@@ -37,7 +37,8 @@ pub(super) fn elements<'a, 'h>(
     Ok((elements, tables))
 }
 
-/// Sums the bytes of each property over all rows of an element, from offset `start` on.
+/// Sums the bytes of each property over all rows of an element, from offset `start` on. Fails if the file ends before
+/// the last row does.
 fn measure(source: &Source, start: u64, element: &Element, big: bool) -> Result<Vec<u64>, SceneError> {
     let mut left = source.length() - start;
     if let Some(stride) = element.stride() {

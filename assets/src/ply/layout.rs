@@ -99,7 +99,7 @@ pub(crate) struct Rest {
 }
 
 impl Rest {
-    /// Counts the properties. `prefix` precedes their names.
+    /// Counts the properties, whose names `prefix` precedes. Fails if their number fits no degree from 0 to 4.
     pub(super) fn of(element: &Element, prefix: &str) -> Result<Self, SceneError> {
         let names = element.properties.iter().filter_map(|property| property.name.strip_prefix(prefix));
         let found = names.filter(|name| name.starts_with("f_rest_")).count();

@@ -53,7 +53,8 @@ fn within(name: Option<&str>, error: SceneError) -> SceneError {
 }
 
 impl Place {
-    /// Calls `read` with the chunk's own file, or with `source` if the chunk is inside.
+    /// Calls `read` with the chunk's own file, or with `source` if the chunk is inside. Fails if the file changes
+    /// meanwhile, or as `read` does.
     fn open<T>(
         &self,
         source: &Source,

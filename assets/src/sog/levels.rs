@@ -120,7 +120,8 @@ impl Level {
     }
 }
 
-/// Opens a file of the level, and calls `work` with its bytes and its folder.
+/// Opens a file of the level, and calls `work` with its bytes and its folder. Fails if the file changes meanwhile, or
+/// as `work` does; the error names the file.
 fn within<T>(
     folder: Option<&Path>,
     name: &str,
@@ -144,7 +145,7 @@ pub(super) fn header(
     Ok(SceneHeader::joined(&headers(&Level::read(source, level)?, folder)?))
 }
 
-/// Returns the headers of the level's splats in each file.
+/// Returns the headers of the level's splats in each file. Fails if a run ends beyond its file's splats.
 fn headers(level: &Level, folder: Option<&Path>) -> Result<Vec<SceneHeader>, SceneError> {
     let header = |(name, runs): &(String, Runs)| {
         let header = within(folder, name, |source, folder| read::header(source, Some(folder)))?;

@@ -58,7 +58,7 @@ impl Files {
         self.zip.write_all(bytes)
     }
 
-    /// Adds a texture of `width` texels per row, and pads the last row.
+    /// Adds a texture of `width` texels per row, and pads the last row. Fails if a side exceeds [`MAX_SIDE`].
     fn texture(&mut self, name: &str, width: usize, mut texels: Vec<Texel>) -> Result<()> {
         let height = texels.len().div_ceil(width);
         if width.max(height) > MAX_SIDE {

@@ -121,7 +121,8 @@ pub(super) fn check_memory(header: &Header, input: &Input) -> Result<(), SceneEr
     Ok(SceneMemoryError::check_against(count, degree, needed, input.memory)?)
 }
 
-/// Appends unpacked bytes to `data`, which grows only as they arrive.
+/// Appends `bytes` unpacked bytes to `data`, which grows only as they arrive. `failed` converts the error if there are
+/// fewer, or memory is short.
 pub(super) fn append(
     unpacker: &mut impl Read,
     bytes: u64,

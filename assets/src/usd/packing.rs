@@ -73,7 +73,7 @@ impl Cursor<'_, '_> {
         Ok(unpacked)
     }
 
-    /// Unpacks `count` delta-coded integers.
+    /// Unpacks `count` delta-coded integers. Fails if there are fewer.
     ///
     /// They consist of the most common difference, a code of two bits per integer, and the other differences, of 1,
     /// 2 or 4 bytes.

@@ -76,7 +76,8 @@ fn open<'a>(source: &'a Source<'a>, memory: Option<u64>) -> Result<(Bytes<'a>, L
     Ok((bytes, layer))
 }
 
-/// Returns the rotation from the file's world to one whose axes point left, up and to the front.
+/// Returns the rotation from the file's world to one whose axes point left, up and to the front. Fails if `upAxis` is
+/// neither Y nor Z.
 fn upright(layer: &Layer) -> Result<Similarity, SceneError> {
     match layer.up_axis.as_deref() {
         None | Some("Y") => Ok(Similarity::IDENTITY),

@@ -82,8 +82,8 @@ impl<'t> Parser<'t> {
         std::str::from_utf8(&self.text[from..to]).map_err(|_| self.wrong("expected UTF-8"))
     }
 
-    /// Returns the text from `from` to a closing mark, and advances past the mark. If `escapes` is true, a backslash
-    /// escapes the next byte.
+    /// Returns the text from `from` to a closing mark, and advances past the mark. Fails if there is none. If `escapes`
+    /// is true, a backslash escapes the next byte; backslashes stay in the text.
     fn until(&mut self, from: usize, close: &[u8], escapes: bool) -> Result<Token<'t>, SceneError> {
         let mut at = from;
         loop {

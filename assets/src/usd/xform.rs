@@ -10,7 +10,8 @@ const RESET: &str = "!resetXformStack!";
 /// Prefix of an entry whose operation is inverted.
 const INVERSE: &str = "!invert!";
 
-/// Computes the transform of each prim to the world. A prim's operations are applied from the last to the first.
+/// Computes the transform of each prim to the world. A prim's operations are applied from the last to the first. Fails
+/// for an unknown operation, or one without numbers.
 pub(super) fn world(layer: &Layer) -> Result<Vec<DMat4>, SceneError> {
     let mut worlds = Vec::with_capacity(layer.prims.len());
     for (index, prim) in layer.prims.iter().enumerate() {

@@ -128,7 +128,8 @@ impl Renderer {
     }
 
     /// Waits up to `patience` for the frame in flight at this index, and stores its result. Returns true if it is
-    /// finished, or if there is no such frame.
+    /// finished, or if there is no such frame. Fails with the device's error; then drops the frame, unless the error is
+    /// transient.
     fn wait_for(&mut self, index: usize, patience: Duration) -> Result<bool, BackendError> {
         let reads_block = self.reads_block();
         let (Some(device), Some(frame)) = (&mut self.device.device, self.in_flight.get_mut(index)) else {

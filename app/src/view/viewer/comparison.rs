@@ -126,7 +126,7 @@ impl Viewer {
     }
 }
 
-/// Computes the differences of two pictures, in display-encoded colours clamped to 0..1.
+/// Computes the differences of two pictures, in display-encoded colours clamped to 0..1; also returns their size.
 fn differences(a: &Pixels, b: &Pixels) -> Result<Differences, String> {
     let image = |pixels| image_of(pixels).map_err(|error| error.to_string());
     let (a, b) = (image(a)?.clamped(), image(b)?.clamped());

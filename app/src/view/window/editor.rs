@@ -104,7 +104,7 @@ fn advice(editor: &str) -> String {
     }
 }
 
-/// Returns the absolute path of a file that is named relative to `folder`.
+/// Returns the absolute path of a file that is named relative to `folder`. Fails if there is no such file.
 fn located(file: &str, folder: &Path) -> Result<PathBuf, String> {
     folder.join(file).canonicalize().map_err(|error| {
         let is_built_in = builtin::FILES.iter().any(|(path, _)| *path == file);

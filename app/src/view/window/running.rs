@@ -98,7 +98,7 @@ impl Running {
     }
 
     /// Draws a frame if one is due, and polls frames in flight; returns true if the window must close. Does neither
-    /// while the window is hidden or has no pixels.
+    /// while the window is hidden or has no pixels. Fails if the window can show nothing any more.
     pub fn turn(&mut self) -> Result<bool> {
         let now = Instant::now();
         let is_due = |time: Option<Instant>| time.is_some_and(|time| time <= now);

@@ -147,7 +147,7 @@ fn ids(lenses: &Lenses) -> String {
     }
 }
 
-/// Adds the view of an image to a dataset. The rotation is a quaternion w, x, y, z.
+/// Adds the view of an image to a dataset. `lens` is the lens's ID. The rotation is a quaternion w, x, y, z.
 pub(super) fn push(
     dataset: &mut Dataset,
     lenses: &Lenses,

@@ -161,7 +161,8 @@ pub(super) fn images(path: &Path, lenses: &Lenses, dataset: &mut Dataset) -> Res
     Ok(())
 }
 
-/// Formats the files of a model, with their names. Each camera gets its own lens.
+/// Formats the files of a model, with their names. Each camera gets its own lens. Fails for projections other than
+/// pinhole and fisheye.
 pub(in crate::dataset) fn write(
     cameras: &[Camera],
     extension: &str,
