@@ -283,6 +283,8 @@ impl Ties<'_> {
     }
 
     /// Adds units of work. Returns true once there are too many units or wrong pairs.
+    ///
+    /// Too many units set the count above the limit.
     fn work(&mut self, units: u64) -> bool {
         self.work += units;
         if self.work > MAX_WORK {

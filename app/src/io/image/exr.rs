@@ -23,8 +23,8 @@ const INTEROP: &str = "colorInteropID";
 pub const ENCODING: &str = "srgb_rec709_display";
 const COMMENT: &str = "Display-encoded (sRGB) values, not linear light; not clamped to 0..1.";
 
-/// Compression and order of the blocks. Threads finish blocks in any order; the order of the rows makes the files of
-/// equal pictures equal bytes.
+/// Compression and order of the blocks. Threads finish blocks in any order; written in the order of the rows, equal
+/// pictures are equal files.
 const BLOCKS: x::Encoding =
     x::Encoding { line_order: x::LineOrder::Increasing, ..x::Encoding::SMALL_FAST_LOSSLESS };
 

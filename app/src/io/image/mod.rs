@@ -67,7 +67,7 @@ impl Image {
 
     /// Returns false for a picture file with detectable damage.
     ///
-    /// Such damage is a cut file, a wrong signature or checksum of a PNG, and a block of an EXR that cannot be unpacked.
+    /// Such damage is a cut file, a wrong signature or checksum of a PNG, or a block of an EXR that cannot be unpacked.
     ///
     /// # Errors
     /// The extension is not `.png`, `.exr` or `.npy`, the file cannot be read, or the header of an EXR or NumPy file is

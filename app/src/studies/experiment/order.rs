@@ -51,7 +51,7 @@ pub struct Order {
     pub two: Two,
 }
 
-/// Draws and measures every way of blending and every key width.
+/// Draws and measures every way of blending and every key width. Changes the session's graph.
 ///
 /// # Errors
 /// The graph has errors, a picture cannot be compared, the device fails, the exact picture does not fit in memory, or

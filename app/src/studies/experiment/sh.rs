@@ -67,7 +67,7 @@ pub struct Sh {
     pub glossy: Option<Glossy>,
 }
 
-/// Draws the glossiest part with bands up to each degree, and measures the errors.
+/// Draws the glossiest part with bands up to each degree, and measures the errors. Changes the session's graph.
 ///
 /// Several cameras are used as the directions. A single camera is turned around the part by each of [`DEGREES`].
 /// Without cameras, or if nothing in the first picture depends on the direction, nothing is drawn.

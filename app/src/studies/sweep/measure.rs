@@ -26,7 +26,9 @@ pub struct Step {
     pub gpu_bytes: u64,
 }
 
-/// Returns the numbers of splats of a sweep: all, a half, a quarter and so on; at most `steps` numbers, at least one.
+/// Returns the numbers of splats of a sweep: all, a half, a quarter and so on, down to 1.
+///
+/// The list has at least one number, and at most `steps`.
 pub fn counts(all: u32, steps: u32) -> Vec<u32> {
     let mut counts: Vec<u32> =
         (0..steps.max(1)).map(|step| all.checked_shr(step).unwrap_or(0).max(1)).collect();

@@ -194,10 +194,9 @@ impl Study {
 /// A row whose comparison may still run, with its view.
 type Measured<'scope> = (&'scope View, Pending<'scope>);
 
-/// Adds rows and their pictures to the ledger, until the sender is dropped or a file cannot be written. Runs while
-/// frames are drawn.
+/// Adds rows to the ledger, and their pictures to the album, while frames are drawn.
 ///
-/// Sends to `kept` whenever the file is written.
+/// Ends when the sender is dropped, or a file cannot be written. Sends to `kept` whenever the ledger's file is written.
 fn keep(
     measured: Receiver<Measured>,
     kept: Sender<()>,
