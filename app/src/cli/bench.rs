@@ -33,7 +33,7 @@ use std::path::{Path, PathBuf};
 ///
 /// The default scene is the demo scene, which the first use generates. The default camera frames the scene.
 ///
-/// A graph that cannot be drawn is a row with the reason. The exit code is 1 only if nothing could be measured.
+/// A graph that cannot be drawn is a row with the reason. If nothing could be measured, the exit code is 1.
 ///
 /// `--suite sort` measures the sort alone instead: random pairs of a key and a 32-bit value, with keys of 16, 24 and 32
 /// bits.
@@ -75,7 +75,7 @@ pub struct Args {
     /// Print all numbers as JSON, or write them to FILE after each size and number of splats or pairs
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     json: Option<PathBuf>,
-    /// Folder for bench.csv, and for curves over sizes or numbers of splats as .svg and .png
+    /// Folder for bench.csv, and for curves over sizes or numbers of splats or pairs as .svg and .png
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]

@@ -41,7 +41,8 @@ pub struct Args {
     #[command(flatten)]
     memory: MemoryArgs,
     /// Build the plan for this device: a part of its name, its index in `splatgraph devices`, a name listed by
-    /// `splatgraph check --help`, or a file from `splatgraph devices --json` [default: that of this machine]
+    /// `splatgraph check --help`, or a file from `splatgraph devices --json` [default: this machine's, or the least
+    /// capable supported one]
     #[arg(long, value_name = "NAME|INDEX|FILE")]
     device: Option<String>,
     /// Print JSON, or write it to a file

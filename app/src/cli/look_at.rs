@@ -11,7 +11,8 @@ use splatgraph_assets::{Camera, Projection, Scene};
 /// Options of cameras without a file.
 #[derive(Debug, clap::Args)]
 pub struct LookAtArgs {
-    /// Position of the camera, in world coordinates (y points down in most captures)
+    /// Position of the camera, in world coordinates (y points down in most captures) [default: one that frames the
+    /// scene]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
     eye: Option<[f64; 3]>,
     /// Point to look at [default: the middle of the scene; for a panorama, that direction along the horizon]
@@ -232,7 +233,7 @@ fn default_fov((width, height): (u32, u32)) -> f64 {
     2.0 * half.atan().to_degrees()
 }
 
-/// Computes by how much a camera of [`Camera::framing`] enlarges a scene that would otherwise be small; 1 for others.
+/// Returns the factor by which a camera of [`Camera::framing`] enlarges a small scene; 1 if it does not.
 pub fn enlargement(framing: &Camera) -> f64 {
     let size = (framing.width, framing.height);
     let usual = 0.5 * f64::from(size.0) / (0.5 * default_fov(size).to_radians()).tan();

@@ -110,7 +110,7 @@ fn files(start: Start, stem: &str) -> impl Iterator<Item = (&'static str, String
     })
 }
 
-/// Returns what follows the template's name: `comp`, or `clear.comp`.
+/// Returns the part of a file name after the first dot: `comp`, or `clear.comp`.
 fn extension(name: &'static str) -> &'static str {
     name.split_once('.').unwrap_or_default().1
 }

@@ -76,8 +76,8 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
     let values: Vec<f32> = text.split(',').filter_map(|v| v.trim().parse().ok()).collect();
     match values.as_slice() {
         &[r, g, b] if text.split(',').count() == 3 && values.iter().all(|v| v.is_finite()) => {
-            // Float pictures keep any value, for example -1 or 1000 to mark the background. But integers of which one
-            // is from 2 to 255 are probably 8-bit values.
+            // Float pictures keep any value, for example -1 or 1000 to mark the background. But three integers from 0
+            // to 255, at least one of them above 1, are probably 8-bit values.
             let is_byte = |value: &f32| value.fract() == 0.0 && (0.0..=255.0).contains(value);
             match values.iter().find(|value| **value >= 2.0) {
                 Some(value) if values.iter().all(is_byte) => {

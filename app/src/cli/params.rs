@@ -43,7 +43,8 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     /// The device that defaults depend on: a part of its name, its index in `splatgraph devices`, a name listed by
-    /// `splatgraph check --help`, or a file from `splatgraph devices --json`
+    /// `splatgraph check --help`, or a file from `splatgraph devices --json` [default: this machine's, or the least
+    /// capable supported one]
     #[arg(long, value_name = "NAME|INDEX|FILE")]
     device: Option<String>,
     /// Print JSON, or write it to a file

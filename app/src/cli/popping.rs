@@ -46,7 +46,8 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     #[arg(help = options::optional_scene_help())]
     scene: Option<PathBuf>,
-    /// The graphs: names of built-in ones, or paths [default: all built-in ones]
+    /// The graphs: names of built-in ones, or paths [default: all built-in ones for the cameras' projection; with
+    /// --with, only `auto`]
     #[arg(short, long, visible_alias = "pipelines", value_name = "NAME,...", value_delimiter = ',')]
     pipeline: Vec<String>,
     /// Also measure `auto` with these parameters; may be repeated for several variants

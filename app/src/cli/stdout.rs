@@ -16,7 +16,7 @@ pub enum Stdout {
 }
 
 impl Stdout {
-    /// Returns what standard output is for in a command that writes these files.
+    /// Returns the use of standard output in a command that writes these files; [`Stdout::Product`] without files.
     pub fn of<'a>(files: impl IntoIterator<Item = &'a Path>) -> Stdout {
         let mut files = files.into_iter();
         let Some(first) = files.next() else { return Stdout::Product };

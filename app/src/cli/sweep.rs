@@ -141,7 +141,7 @@ pub struct Views {
 }
 
 impl Views {
-    /// Checks the arguments and reads the cameras. The scene is loaded later.
+    /// Checks the arguments and reads the cameras. [`Work::open`] loads the scene.
     pub fn new(args: Args) -> Result<Views> {
         let given = args.drawing.cameras(args.scene.as_deref())?;
         let stems = loading::stems(args.scene.as_deref(), given.as_deref(), ROOM);

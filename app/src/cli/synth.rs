@@ -51,7 +51,7 @@ pub struct Args {
     /// Make a COLMAP dataset (--dataset) of exact pictures of this scene, from cameras on a circle around it
     #[arg(long, value_name = "SCENE", requires = "dataset", conflicts_with_all = ["enlarge", "output", "cameras", "count"])]
     photograph: Option<PathBuf>,
-    /// Folder of the COLMAP dataset: images/ and sparse/0/, as text; without another dataset
+    /// Folder of the COLMAP dataset: images/ and sparse/0/, as text; it must not contain another dataset
     #[arg(long, value_name = "DIR")]
     dataset: Option<PathBuf>,
     /// Number of photographs of --photograph [default: 24]

@@ -172,7 +172,7 @@ pub struct Views {
 }
 
 impl Views {
-    /// Checks the arguments and reads the cameras. The scene is loaded later.
+    /// Checks the arguments and reads the cameras. [`Work::open`] loads the scene.
     pub fn new(args: Args) -> Result<Views> {
         let given = args.drawing.cameras(args.scene.as_deref())?;
         let stems = loading::stems(args.scene.as_deref(), given.as_deref(), ROOM);
@@ -340,8 +340,8 @@ fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<
     Ok(images)
 }
 
-/// Finds the true picture of a camera: by the file name that `render` gives to its picture, or as its photograph. The
-/// folder may be any of those in the photograph's name: `images/a.png` may be `a.png` in `images`.
+/// Finds the true picture of a camera: by the file name that `render` gives to its picture, or as its photograph.
+/// Leading folders of the photograph's name may be part of `folder`: `images/a.png` may be `a.png` in `images`.
 fn true_picture(folder: &Path, camera: &Camera, stem: &str) -> Option<PathBuf> {
     let formats = ["npy", "exr"].into_iter().chain(EXTENSIONS);
     let drawn = formats.map(|format| folder.join(format!("{stem}.{format}"))).find(|path| path.exists());

@@ -41,7 +41,7 @@ Mouse: drag orbits, Shift + drag pans, the wheel zooms; the right button and W A
 /// The graph, its includes and its shaders are reloaded when a file changes. A graph in the working directory or its
 /// pipelines/ folder takes precedence over a built-in one of the same name. The graph's parameters become controls. An
 /// error is shown over the last good picture until you correct it. Without --cameras, all cameras of the file beside
-/// the scene are loaded.
+/// the scene are loaded. --size is the size of the window, 1600x900 by default.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {

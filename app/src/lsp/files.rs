@@ -22,7 +22,8 @@ pub fn nominal_case(lanes: u32) -> Case {
     Case { device, scene: SceneFacts::NOMINAL, size: facts::DEFAULT_SIZE }
 }
 
-/// Lists the imports of the built-in graphs, for a nominal scene and the viewer's window.
+/// Lists the imports that graphs may use: those of a nominal scene and, with the feature `window`, of the viewer's
+/// window.
 pub fn nominal_catalog() -> Catalog {
     #[cfg_attr(not(feature = "window"), expect(unused_mut))]
     let mut catalog = facts::nominal_catalog();
@@ -40,7 +41,7 @@ pub fn canonical(path: &Path) -> PathBuf {
 /// A search for the graphs that may use files. It lists a folder again only if more levels below it are needed.
 ///
 /// A graph may use the files below its own folder, and those in the folders `pipelines` and `shaders` that are around
-/// or beside its own. So no search of the whole disk is needed.
+/// or beside its own. Therefore, the whole disk need not be searched.
 #[derive(Default)]
 pub struct Search {
     /// Listed folders, each with the number of levels below it that were also listed.

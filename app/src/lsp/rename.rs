@@ -84,7 +84,7 @@ pub fn rename(
     Ok(edits)
 }
 
-/// The parts of a plan that a rename must not change: no names, except those of shader files.
+/// The parts of a plan that a rename must not change. The only names among them are those of shader files.
 struct NamelessPlan {
     passes: usize,
     dependencies: usize,

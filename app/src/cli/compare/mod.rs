@@ -343,7 +343,7 @@ fn load(pair: &Pair, range: Option<(f64, f64)>, notes: &mut Notes) -> Result<Loa
     }
     let ((a, a_depth), (b, b_depth)) = (Image::load_wide(&pair.a)?, Image::load_wide(&pair.b)?);
     for ((path, header), depth) in [&pair.a, &pair.b].into_iter().zip(&headers).zip([a_depth, b_depth]) {
-        // Values beyond 0 to 1 are lost in levels, and in the other picture when it is clamped like them.
+        // Levels hold no values outside of 0 to 1, and the other picture is clamped to that range, too.
         if let (Depth::Levels(greatest), Some((least, most))) = (depth, range)
             && (least < 0.0 || most > 1.0)
         {

@@ -133,7 +133,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let originals: Vec<(&str, &Original)> = names.iter().map(String::as_str).zip(&originals).collect();
     let original_bytes: u64 = originals.iter().map(|(_, original)| original.file_bytes).sum();
     let (original_splats, dropped) = (merged.count(), serde_json::to_value(merged.dropped())?);
-    // The error of --price includes that of the splats and bands that are left out.
+    // --price compares with the scene before splats and bands are left out.
     let mut truth = if output.is_none() { args.edit.uncut(&merged)? } else { None };
     let (mut scene, transform_loss) = args.edit.changed(merged)?;
     if let Some(degree) = args.degree.filter(|degree| *degree < scene.stored_degree()) {

@@ -25,7 +25,7 @@ pub struct PriceArgs {
     /// Size of the pictures of --price [default: the cameras']
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
-    /// Print the results as JSON, or write them to a file: the losses, or those of --price
+    /// Print the losses and, with --price, the prices as JSON, or write them to a file
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     json: Option<PathBuf>,
 }
@@ -45,9 +45,9 @@ impl PriceArgs {
         self.json.as_deref()
     }
 
-    /// Measures the prices of `scene`, which was loaded from `path`, in `formats`, or in all if it is empty. Prints them
-    /// or writes them to the file of `--json`, with the fields of `lost`. `truth` is the scene before splats or bands were
-    /// left out; `None` if it is the same.
+    /// Measures the prices of `scene`, which was loaded from `path`, in `formats`, or in all if it is empty. Prints
+    /// them or writes them to the file of `--json`, with the fields of `lost`. `truth` is the scene before splats or
+    /// bands were left out; `None` if it is the same.
     pub(super) fn run(
         &self,
         scene: Scene,

@@ -80,7 +80,7 @@ pub struct Args {
     /// docs/output-files.md lists the fields. If a camera fails, the others have entries, and the exit code is 1.
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     pub(super) json: Option<PathBuf>,
-    /// Write the cameras of the pictures as a cameras.json: those of --orbit, of --size, and the default one, too
+    /// Write the cameras of the pictures, at their sizes, as a cameras.json: also those of --orbit, and the default one
     #[arg(long, value_name = "FILE")]
     pub(super) write_cameras: Option<PathBuf>,
     /// Record where the time goes: a trace for https://ui.perfetto.dev, and a summary on standard error
@@ -175,7 +175,7 @@ pub struct Work {
 pub fn prepare(args: &Args) -> Result<Work> {
     refuse_options_of_others(args)?;
     let destination = Destination::of(args.picture()?, args.format)?;
-    // `--eye` and the like replace the camera beside the scene.
+    // A camera of `LookAtArgs` replaces the camera beside the scene.
     let looking = args.look.names();
     let scene = args.scenes.scene.as_deref().filter(|_| looking.is_none());
     let given = args.drawing.cameras(scene)?;

@@ -23,7 +23,7 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use tracing::info_span;
 
-/// Cameras whose frames are in flight or whose pictures are being written, and the statistics of the others.
+/// Cameras whose frames are in flight or whose pictures are being written, and the statistics of finished cameras.
 pub struct Batch {
     /// File or folder of the pictures; `None` if no picture is written.
     pub destination: Option<Destination>,
@@ -83,7 +83,7 @@ impl Batch {
         }
     }
 
-    /// Returns true if a file needs the picture: its own, or that of [`RGBA`].
+    /// Returns true if the picture is read back: for its own file, or for the output [`RGBA`].
     pub fn reads_picture(&self) -> bool {
         self.destination.is_some() || self.files.0.iter().any(|(name, ..)| name == RGBA.0)
     }

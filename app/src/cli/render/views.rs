@@ -22,7 +22,7 @@ pub struct Views {
 }
 
 impl Views {
-    /// Checks the arguments and reads the cameras. The scene is loaded later.
+    /// Checks the arguments and reads the cameras. [`job::Work::open`] loads the scene.
     pub fn new(args: Args) -> Result<Views> {
         let inspects = !args.inspect.is_empty();
         job::refuse(&[

@@ -263,7 +263,7 @@ fn definitions_lead_to_declarations_files_and_blocks() {
     let including = COPY.replace("void main", "#include \"help.glsl\"\nvoid main");
     let place = editor.place("copy.comp", &including.replace("help.glsl", "he|lp.glsl"));
     assert_eq!(editor.defined(place), [("help.glsl".to_owned(), 0, 0)]);
-    // The shader of a closed graph may include what is in the graph's folder, outside of its own.
+    // The shader of a closed graph may include files of the graph's folder, outside of its own folder.
     std::fs::create_dir(editor.path("lib")).expect("writable");
     editor.write("deep.ron", &GRAPH.replace("show.comp", "lib/deep.comp"));
     let including = SHADER.replace("void main", "#include \"../help.glsl\"\nvoid main");
