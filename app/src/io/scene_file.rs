@@ -173,7 +173,7 @@ const HARMLESS: [&str; 15] = [
     "object", "instance", "rest",
 ];
 
-/// Lists the properties of a PLY file's splats that are not read and may change their picture; `None` if there are none.
+/// Lists properties of a PLY file's splats that are not read and may change their picture; `None` if there are none.
 pub fn skipped(scene: &Scene) -> Option<String> {
     let splats = scene.size_breakdown().elements.iter().filter(|element| element.name == "vertex");
     let fields = splats.flat_map(|element| &element.fields).filter(|field| !field.used);

@@ -1,5 +1,7 @@
-//! Reads and writes OpenEXR files. Pictures have the float32 channels R, G and B. Normals (N.X, N.Y and N.Z) are read as
-//! colours, and a single channel as grey.
+//! Reads and writes OpenEXR files.
+//!
+//! Pictures have the float32 channels R, G and B. Normals (N.X, N.Y and N.Z) are read as colours, and a single channel
+//! as grey.
 //!
 //! By default, programs interpret the values of an EXR as linear light, but ours are display-encoded. Two attributes
 //! declare this: `colorInteropID` for programs, in the vocabulary of the Academy Software Foundation's Color Interop
@@ -65,8 +67,9 @@ pub enum Samples<'a> {
     Uint(&'a [u32]),
 }
 
-/// Writes one channel per name. `values` are interleaved, in the order of `names`. Without a description in `about`, the
-/// channels are colours.
+/// Writes one channel per name. `values` are interleaved, in the order of `names`.
+///
+/// `about` describes channels that are not colours; `None` declares them to be display-encoded colours.
 ///
 /// # Errors
 /// The file cannot be written.

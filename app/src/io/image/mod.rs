@@ -29,8 +29,8 @@ pub use pixels::{Depth, Header, Image, ImageError};
 
 /// Writes colours with alpha as a PNG file: 8 bits per channel, colours not multiplied by alpha.
 ///
-/// `values` are four per pixel: display-encoded colours multiplied by alpha, and alpha. Colours above 1 are clamped after
-/// the division by alpha.
+/// `values` are four per pixel: display-encoded colours multiplied by alpha, and alpha. Colours are clamped after the
+/// division by alpha; they are black where alpha is 0.
 ///
 /// # Errors
 /// The file cannot be written. An existing file is then kept.

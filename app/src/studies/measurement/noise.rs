@@ -1,15 +1,15 @@
 //! Distinguishes a difference in time from noise.
 //!
 //! In each turn, a frame of the exact settings is drawn, then a frame of the setting. The share of the turn is the
-//! second time divided by the first. The share of a setting is the median of its turns. Its range is the 99 % confidence
-//! interval of the median, computed from the order of the turns alone (the binomial interval of a median; David and
-//! Nagaraja, "Order Statistics", 3rd edition, 7.1): no distribution is assumed. Turns end once the range is narrow, so
-//! the actual confidence is a little lower. (Shares of medians of several frames would need more frames for an equally
-//! narrow range.)
+//! second time divided by the first. The share of a setting is the median of its turns. Its range is the 99 %
+//! confidence interval of the median, computed from the order of the turns alone (the binomial interval of a median;
+//! David and Nagaraja, "Order Statistics", 3rd edition, 7.1): no distribution is assumed. Turns end once the range is
+//! narrow, so the actual confidence is a little lower. (Shares of medians of several frames would need more frames for
+//! an equally narrow range.)
 //!
-//! The share over several views is the mean of the views' shares. They are measured one after the other, so their errors
-//! are independent, and the half of the mean's range is the root of the sum of the views' squared halves, divided by
-//! their number. For a narrow mean, each view's range may therefore be wider by the root of the number of views.
+//! The share over several views is the mean of the views' shares. The views are measured one after the other, so their
+//! errors are independent, and half of the mean's range is the root of the sum of the views' squared halves, divided by
+//! the number of views. For a narrow mean, each view's range may therefore be wider by the root of that number.
 //!
 //! Measured against themselves, the exact settings would have a share of 1 without noise. The distance of their share
 //! from 1 is the **noise floor**. Every range is widened to at least `median * (1 ± floor)`.

@@ -112,7 +112,7 @@ impl SweepResult {
         Plot { bars: Vec::new(), title: title.to_owned(), x, y, series: series.collect() }
     }
 
-    /// Plots PSNR against the number of splats. Leaves out the step that draws all: the budget does not cause its error.
+    /// Plots PSNR against the number of splats, without the step that draws all: the budget does not cause its error.
     pub fn quality(&self) -> Plot {
         let all = self.origin.provenance.splats;
         let point = |mean: &Mean| (mean.count < all).then_some((f64::from(mean.count), mean.psnr_db));
