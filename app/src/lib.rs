@@ -16,7 +16,7 @@
 // Tests may write and print; the program does so through `io::output` alone.
 #![cfg_attr(test, allow(clippy::disallowed_methods, clippy::disallowed_macros))]
 
-/// Compiles the code of the page about these crates.
+/// Compiles the code blocks of `docs/rust.md`.
 #[cfg(doctest)]
 #[doc = include_str!("../../docs/rust.md")]
 mod rust_page {}

@@ -272,7 +272,7 @@ def _refuse_unsupported(arguments: dict[str, Any]) -> None:
 
 
 def _origin(means: np.ndarray) -> np.ndarray:
-    """Returns the origin of a world with float64 means, near their median, like `Scene.offset`; 0 for other types."""
+    """Returns the origin of a world with float64 means, near their median, like `Scene.offset`; 0 for other types, or if none is finite."""
     finite = np.isfinite(means).all(axis=1)
     if means.dtype != np.float64 or not finite.any():
         return np.zeros(3, means.dtype)

@@ -44,7 +44,7 @@ class Line:
     share: Share | None
     #: PSNR of the mean squared error of all views, in dB; infinite for equal pictures.
     psnr_db: float
-    #: PSNR over the pixels that a splat covers, in dB; infinite for equal pictures.
+    #: PSNR over the pixels that a splat covers, in dB; infinite for equal pictures, or without such pixels.
     covered_psnr_db: float
     #: Lowest SSIM of a view; None for pictures below 11 x 11 pixels.
     ssim: float | None
@@ -54,7 +54,7 @@ class Line:
     worst: float
     #: Mean share of pixels that are off by more than 1/255, 0 to 1.
     off: float
-    #: Pairs of visible splats in the wrong order, in all views; None if the graph has no order.
+    #: Pairs of visible splats in the wrong order, in all views; None if it is unknown for a view, as without an order.
     inversions: int | None
     #: Share of the host's frame time during which the device draws, 0 to 1, the lowest of the views; None without timestamps.
     busy: float | None

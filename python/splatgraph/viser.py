@@ -206,7 +206,7 @@ class _View:
                     self._show(1.0, 95)
 
     def _show(self, share: float, quality: int) -> None:
-        """Draws the current camera at a share of the browser's size."""
+        """Draws the current camera at a share of the browser's size, and sends it as JPEG. Notifies the browser of an error."""
         own = self._client.camera
         width, height = own.image_width, own.image_height
         scale = share * min(1.0, self._largest / max(width, height, 1))

@@ -29,7 +29,7 @@ def looking(eye, angle):
 
 
 def agreement(arguments, viewmats, Ks, width, height, **options):
-    """Returns PSNRs of colours, alphas, D and ED against the definition, the least over all cameras."""
+    """Returns PSNRs of colours, alphas, D and ED against the definition, the minimum over all cameras."""
     drawn, alphas, _ = rasterization(*arguments, viewmats, Ks, width, height, render_mode="RGB+D", **options)
     expected, _, _ = rasterization(*arguments, viewmats, Ks, width, height, render_mode="ED", **options)
     near, far = options.get("near_plane", 0.01), options.get("far_plane", 1e10)
