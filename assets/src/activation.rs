@@ -24,9 +24,10 @@ pub(crate) fn exponential(logarithm: f32) -> f32 {
     f64::from(logarithm).exp() as f32
 }
 
-/// Applies the 3D filter of Mip-Splatting to a splat's scales and opacity, like its
-/// `get_scaling_n_opacity_with_3D_filter`: s' = sqrt(s^2 + filter^2), and o' = o sqrt(det / det'), where det and det'
-/// are the products of s^2 and of s'^2.
+/// Applies the 3D filter of Mip-Splatting to a splat's scales and opacity. A filter of 0 changes nothing.
+///
+/// As in Mip-Splatting's `get_scaling_n_opacity_with_3D_filter`, s' = sqrt(s^2 + filter^2) and o' = o sqrt(det / det').
+/// det and det' are the products of s^2 and of s'^2.
 pub(crate) fn filtered(scale: [f32; 3], opacity: f32, filter: f32) -> ([f32; 3], f32) {
     if filter == 0.0 {
         return (scale, opacity);

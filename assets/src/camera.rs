@@ -202,8 +202,8 @@ impl Camera {
         Self::framing_turns(scene, up, fov, size, 1)
     }
 
-    /// Creates a camera like [`Camera::framing_upright`], but at a distance from which the box fits in every picture of
-    /// an orbit around the axis `up`.
+    /// Creates a camera like [`Camera::framing_upright`], but farther away if an orbit needs it. The box fits in every
+    /// picture of an orbit around the axis `up`.
     pub fn framing_around(scene: &Scene, up: [f64; 3], fov: Option<f64>, size: (u32, u32)) -> Self {
         Self::framing_turns(scene, up, fov, size, 120)
     }

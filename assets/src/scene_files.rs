@@ -20,8 +20,8 @@ const MAX_NAME: usize = 4096;
 /// Maximum nesting of documents: a composition, a streamed SOG, and one of its folders.
 const MAX_DEPTH: u32 = 3;
 
-/// Finds the file that stands for a folder: the JSON document of a SOG scene, or the last scene of a training by the
-/// reference implementation. `None` for a file or another folder.
+/// Finds the file that stands for a folder; `None` for a file or another folder. It is the JSON document of a SOG
+/// scene, or the last scene of a training by the reference implementation.
 pub(crate) fn document(path: &Path) -> Option<PathBuf> {
     let names = ["lod-meta.json", "meta.json"].iter().filter(|_| path.is_dir());
     names.map(|name| path.join(name)).find(|document| document.is_file()).or_else(|| {
@@ -34,8 +34,8 @@ pub(crate) fn document(path: &Path) -> Option<PathBuf> {
     })
 }
 
-/// Lists the existing files of a scene: `path` itself, or the document that stands for a folder, and the files that
-/// documents name.
+/// Lists the existing files of a scene: `path`, or the document that stands for a folder, and files that documents
+/// name.
 ///
 /// Nothing is decoded, so that the files are known before the scene is loaded. Every text of a JSON document counts as
 /// a name, so the list may have files that the scene does not use. Unreadable documents name no files.
@@ -51,8 +51,8 @@ pub fn names_scenes(path: &Path) -> bool {
     head().is_ok_and(|head| composition::begins_as_scenes(&head))
 }
 
-/// Lists the paths that decide what a scene contains: [`scene_files`], `path` itself, and the files that a list of
-/// scenes names, whether they exist or not.
+/// Lists the paths that decide what a scene contains, whether they exist or not. They are [`scene_files`], `path`
+/// itself, and the files that a list of scenes names.
 pub fn scene_paths(path: &Path) -> BTreeSet<PathBuf> {
     let mut paths = scene_files(path);
     if names_scenes(path) {

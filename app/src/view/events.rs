@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RendererId {
-    /// The renderer of the scene: its picture fills the view, is left of the split line, or has B's subtracted from it.
+    /// The first renderer: its picture fills the view, is left of the split line, or has B's subtracted from it.
     A,
     /// The renderer that A is compared with: its picture is right of the split line, or subtracted from A's.
     B,
@@ -238,7 +238,7 @@ pub enum Event {
         path: PathBuf,
         /// Cause of the failure.
         error: String,
-        /// True if the error stays over the picture until a scene is loaded: the shown scene changed, or a list of
+        /// True if the error stays over the picture until a scene is loaded. The shown scene then changed, or a list of
         /// scenes has an error.
         stays: bool,
     },

@@ -135,7 +135,7 @@ impl History {
         self.samples.iter().skip(skipped).filter_map(|sample| sample.total_ms).collect()
     }
 
-    /// Computes the median GPU time of a frame outside its passes, in milliseconds; `None` if no frame that the table
+    /// Computes the median GPU time of a frame outside its passes, in milliseconds. `None` if no frame that the table
     /// covers has both its total time and the times of all its passes.
     pub fn unattributed(&self) -> Option<f64> {
         let rest = |sample: &Sample| {
@@ -159,8 +159,8 @@ impl History {
         Quantiles::of(self.steady().map(|s| s.record_ms))
     }
 
-    /// Lists the phases of the newest frame that the table covers, in execution order, each followed by its passes;
-    /// empty if the table covers no frame.
+    /// Lists the phases of the newest frame that the table covers, in execution order, each followed by its passes.
+    /// Empty if the table covers no frame.
     pub fn table(&self) -> Vec<Row> {
         let Some(last) = self.steady().last() else { return Vec::new() };
         let mut rows = Vec::new();

@@ -160,7 +160,7 @@ impl Viewport {
         }
     }
 
-    /// Describes the fallback that is drawn because the device does not meet the graph's requirements; `None` if the
+    /// Describes the fallback that is drawn because the device does not meet the graph's requirements. `None` if the
     /// graph itself is drawn, or without a plan.
     pub fn fallback(&self) -> Option<String> {
         let lacking = Fallback::lacking(&self.renderer.plan()?.fallbacks);
@@ -254,8 +254,8 @@ impl Viewport {
         self.exhibit.as_ref().map(|exhibit| (exhibit.shown.clone(), exhibit.number))
     }
 
-    /// Returns true if the window does not show this scene and graph yet: no frame of them was drawn, or every frame
-    /// overflowed. False without a plan.
+    /// Returns true if the window does not show this scene and graph yet. No frame of them was then drawn, or every
+    /// frame overflowed. False without a plan.
     pub fn is_held_back(&self) -> bool {
         self.renderer.plan().is_some()
             && self.exhibit.as_ref().map(|exhibit| exhibit.subject) != Some(self.renderer.subject())
@@ -335,8 +335,8 @@ impl Viewport {
         self.collect(view.to_host);
     }
 
-    /// Returns true if all finished frames of a plan ran the prologue, so that their times are not representative, and
-    /// none is in flight.
+    /// Returns true if all finished frames of a plan ran the prologue and none is in flight. Such frames' times are not
+    /// representative.
     fn lacks_times(&self, plan: &Arc<Plan>) -> bool {
         let measured = self.history.is_of(plan) && self.history.steady_frames() == 0;
         measured && self.renderer.in_flight() == 0

@@ -294,8 +294,8 @@ fn size_of(folder: &Path, photograph: &str) -> Result<(u32, u32), String> {
     photograph::size(&path).map_err(|error| format!("`file_path`: {}: {error}", path.display()))
 }
 
-/// Reads a `transforms.json`, with the motion that its poses contain, or a `camera_path.json`: first the file's own
-/// values, which may follow its frames, then the frames.
+/// Reads a `transforms.json`, with the motion that its poses contain, or a `camera_path.json`. The file's own values,
+/// which may follow its frames, are read first.
 fn transforms(
     text: &str,
     path: &Path,

@@ -166,9 +166,11 @@ impl Dataset {
         Ok(dataset)
     }
 
-    /// Reads the dataset of `path`, or a selection of its views: `path#name` is one view (a camera's `img_name`, or its
-    /// photograph's name), `path#2` is the view with that index (from 0, unless a camera has that name), and
-    /// `path#front/*` are the views whose names begin with `front/`; their test views are those of the whole dataset.
+    /// Reads the dataset of `path`, or a selection of its views.
+    ///
+    /// `path#name` is one view, by a camera's `img_name` or its photograph's name. `path#2` is the view with that index
+    /// from 0, unless a camera has that name. `path#front/*` are the views whose names begin with `front/`; their test
+    /// views are those of the whole dataset.
     ///
     /// # Errors
     /// The errors of [`Dataset::load`], the dataset is empty, or there is no such camera.

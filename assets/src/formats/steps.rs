@@ -27,7 +27,7 @@ impl fmt::Display for LargeSteps {
 }
 
 impl Scene {
-    /// Finds the splats that are smaller than the steps of their positions in a format; `None` if they are at most
+    /// Counts the splats that are smaller than the steps of their positions in a format. `None` if they are at most
     /// 1/100 of all, or if the format's steps do not depend on the extent of the scene or of a chunk.
     pub fn large_steps(&self, format: SceneFormat) -> Option<LargeSteps> {
         let count = self.count() as usize;

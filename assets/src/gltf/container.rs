@@ -13,8 +13,8 @@ pub(crate) const MAGIC: &[u8; 4] = b"glTF";
 /// Maximum size of the JSON, in bytes: parsing takes several times as much memory.
 const MAX_JSON: u64 = 16 << 20;
 
-/// Returns true if a file begins as glTF: with its magic number, or with a JSON object that mentions `"asset"` or
-/// `"buffers"`, unless it is a tileset of 3D Tiles.
+/// Returns true if a file begins as glTF: with its magic number, or with a JSON object. The object must mention
+/// `"asset"` or `"buffers"`, and not be a tileset of 3D Tiles.
 pub(crate) fn begins_as_gltf(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head);
     let is_json = text.trim_start().starts_with('{')

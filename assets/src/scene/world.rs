@@ -61,9 +61,10 @@ impl Scene {
         Ok(scene.with_offset(origin))
     }
 
-    /// Returns true if f32 suffices for positions in the world: it shifts no splat by more than 1/256 of its size,
-    /// which is the largest standard deviation, except by the steps of floats at 8 times the median distance from the
-    /// middle.
+    /// Returns true if f32 suffices for positions in the world: it shifts no splat by more than 1/256 of its size.
+    ///
+    /// A splat may shift further by up to one step of floats at 8 times the median distance from the middle. `size`
+    /// returns a splat's largest standard deviation.
     pub(crate) fn fits_floats(
         count: u32,
         position: impl Fn(usize) -> DVec3 + Sync,
@@ -80,10 +81,10 @@ impl Scene {
             .all(|(by, size)| by <= step.max(VISIBLE * size))
     }
 
-    /// Finds an origin near the splats, if f32 is too coarse for positions relative to `offset`, and if the splats are
-    /// farther from `offset` than about 8 times the scene's size; otherwise `None`. The positions are the world's.
+    /// Finds an origin near the splats if f32 is too coarse for positions relative to `offset`; otherwise `None`.
     ///
-    /// f32 is too coarse if it shifts more than a tenth of the splats by more than 1/256 of their size.
+    /// It is too coarse if it shifts more than a tenth of the splats by more than 1/256 of their size, and the splats
+    /// are farther from `offset` than about 8 times the scene's size. `position` returns world coordinates.
     pub(crate) fn finer_origin(
         count: u32,
         offset: DVec3,

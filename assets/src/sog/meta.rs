@@ -50,7 +50,7 @@ impl Means {
         })
     }
 
-    /// Returns true if f32 rounds positions by more than 1/8 of their steps and the positions reach half of
+    /// Returns true if f32 rounds positions by more than 1/8 of their steps. The positions must also reach half of
     /// [`origin::STEP`], from which on a scene can have an offset.
     pub fn is_wide(&self) -> bool {
         (0..3).any(|axis| {

@@ -21,7 +21,7 @@ const ENTRIES_PER_ROW: u32 = 64;
 /// of equal splats.
 const UNKNOWN_MEMORY: u64 = 4 << 30;
 
-/// Maximum number of splats per byte of a file, unless the splats are equal: 20 bytes of texels per splat, compressed
+/// Maximum number of splats per byte of a file, unless the splats are equal. A splat has 20 bytes of texels, compressed
 /// 1032 to 1.
 const MAX_PER_BYTE: u64 = 1032 / 20;
 

@@ -35,8 +35,8 @@ pub(super) fn fractional_bits(largest: f64) -> Option<u32> {
 }
 
 impl SpzVersion {
-    /// Returns the step of all positions in a file whose largest coordinate has this absolute value: 1/4096 unit, or
-    /// more beyond 2048 units. `None` if the coordinate does not fit.
+    /// Returns the step of all positions in a file whose largest coordinate has this absolute value. The step is 1/4096
+    /// unit, or more beyond 2048 units. `None` if the coordinate does not fit.
     pub fn position_step(largest: f64) -> Option<f64> {
         fractional_bits(largest).map(|bits| 0.5f64.powi(bits as i32))
     }

@@ -117,8 +117,8 @@ fn rotation([w, x, y, z]: [f32; 4]) -> u32 {
     })
 }
 
-/// Quantises the float at index `at` of a splat's harmonics: to 1/16 in band 1, and to 1/8 in higher bands, which
-/// compresses better.
+/// Quantises the float at index `at` of a splat's harmonics: to 1/16 in band 1, and to 1/8 in higher bands. The
+/// coarser steps compress better.
 fn harmonic(at: usize, value: f32) -> u8 {
     let step = if at < sh_floats(1) { 8.0 } else { 16.0 };
     let byte = (f64::from(value) * 128.0).round() + 128.0;

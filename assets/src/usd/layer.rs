@@ -1,5 +1,5 @@
-//! Stores the parts of a layer that the USD reader needs: the up axis, prims with some of their attributes, and whether
-//! the layer refers to others.
+//! Stores the parts of a layer that the USD reader needs: the up axis, and prims with some of their attributes. A layer
+//! also tells whether it refers to others.
 
 use crate::error::{SceneError, field, wrong};
 use crate::input::{Source, Table};

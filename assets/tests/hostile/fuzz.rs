@@ -187,8 +187,8 @@ fn damaged_ksplat_files_are_read_or_refused() {
     run("ksplat", &seeds, 4 << 20, parse);
 }
 
-/// Builds files that use all encodings, compressed or not: a `.rad` of one chunk, a `.rad` with a palette of harmonics
-/// and a tree of two chunks, and a `.radc`. Each has about the length of its texts as its head.
+/// Builds files that use all encodings, compressed or not, each with about the length of its texts as its head. They
+/// are a `.rad` of one chunk, a `.rad` of two chunks with a palette of harmonics and a tree, and a `.radc`.
 fn rad(compressed: bool) -> [(Vec<u8>, usize); 3] {
     let values = |count: usize| (0..count).map(|index| (index as f32 * 0.37).sin()).collect::<Vec<f32>>();
     let positive = |count: usize| values(count).iter().map(|value| 0.6 + 0.3 * value).collect::<Vec<f32>>();

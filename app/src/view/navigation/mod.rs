@@ -398,8 +398,8 @@ impl Navigation {
         pinhole.rounded().with_projection(pose.projection, self.bounds.center())
     }
 
-    /// Flies to a camera, or jumps if flights are disabled, and takes over its vertical field of view; a wider view
-    /// shows more at the sides. Invalid values of the camera are replaced by defaults.
+    /// Flies to a camera, or jumps if flights are disabled, and takes over its vertical field of view. In a wider
+    /// window, the view shows more at the sides. Invalid values of the camera are replaced by defaults.
     ///
     /// The pivot becomes the point of the camera's axis that is nearest to the scene's centre. If that is not ahead,
     /// the pivot is one scene size ahead.

@@ -1,5 +1,5 @@
-//! Draws the cameras tool: field of view or orthographic scale, saved views, the keyframe path, and copying of the
-//! camera as JSON and of the picture as a command line.
+//! Draws the cameras tool: field of view or orthographic scale, saved views and the keyframe path. The tool also copies
+//! the camera as JSON and the picture as a command line.
 
 use super::controls::{Command, Controls};
 use super::theme::{self, GRID, ROW};

@@ -29,8 +29,8 @@ pub fn plain(ansi: &str) -> String {
     lines.join("\n")
 }
 
-/// Lays out text with ANSI colours in a monospace font of `size` points, in lines of at most `columns` characters where
-/// possible; drops other escape sequences.
+/// Lays out text with ANSI colours in a monospace font of `size` points. Lines have at most `columns` characters where
+/// possible. Drops other escape sequences.
 pub fn layout(ansi: &str, columns: usize, size: f32) -> LayoutJob {
     let mut job = LayoutJob::default();
     let mut append = |text: &str, color: Color32| {

@@ -162,9 +162,9 @@ pub fn card(ui: &Ui, edge: Color32) -> Frame {
         .shadow(ui.visuals().popup_shadow)
 }
 
-/// Draws A's frame time, rate, splat count, memory, a note if no splat is in view, and a sparkline, in the top left
-/// corner of the picture. `interval` is the time between frames, in milliseconds. Draws nothing before a frame is
-/// measured, or if the texts do not fit.
+/// Draws A's frame time, rate, splat count, memory and a sparkline in the top left corner of the picture. Notes if no
+/// splat is in view. `interval` is the time between frames, in milliseconds. Draws nothing before a frame is measured,
+/// or if the texts do not fit.
 pub fn show(ui: &Ui, viewer: &Viewer, interval: Option<f64>, view: Rect, controls: &mut Controls) {
     let viewport = &viewer.a;
     let Some(total) = viewport.history.total() else { return };
@@ -235,8 +235,8 @@ pub fn progress(ui: &Ui, viewer: &Viewer, view: Rect) {
     ui.painter().galley(rect.min + vec2(12.0, 8.0), galley, Color32::WHITE);
 }
 
-/// Draws the name of a viewport beside the split line at x = `line`, in points: to the left if `towards` is -1, to the
-/// right if it is 1.
+/// Draws the name of a viewport beside the split line at x = `line`, in points. The name is left of the line if
+/// `towards` is -1, and right of it if 1.
 pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
     let at = pos2(line + towards * 18.0, view.top() + 24.0);
     if view.contains(at) {
@@ -246,9 +246,9 @@ pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
     }
 }
 
-/// Draws the comparison card at the bottom of the split line: the median times of A and B, progress or result, and a
-/// button that toggles `marked`. Marks the worst pixel if `marked`. Draws nothing without a finished or running
-/// comparison.
+/// Draws the comparison card at the bottom of the split line, and marks the worst pixel if `marked`. The card has the
+/// median times of A and B, the progress or the result, and a button that toggles `marked`. Draws nothing without a
+/// finished or running comparison.
 pub fn comparison(
     ctx: &Context,
     viewer: &mut Viewer,

@@ -122,8 +122,8 @@ pub struct Panels {
     undo: undo::History,
     undo_now: bool,
     redo_now: bool,
-    /// True if the program itself may have changed settings since the last frame: it dropped or restored parameters, or
-    /// loaded a scene, whose selected and hidden splats may have new indices.
+    /// True if the program itself may have changed settings since the last frame. It then dropped or restored
+    /// parameters, or loaded a scene, whose selected and hidden splats may have new indices.
     by_program: bool,
     /// Recently opened scenes, the newest first.
     recent: Vec<PathBuf>,
@@ -250,7 +250,7 @@ impl Panels {
         }
     }
 
-    /// Restores a saved arrangement, except scenes that no longer exist; returns false, without changes, if it is
+    /// Restores a saved arrangement, except scenes that no longer exist. Returns false, without changes, if it is
     /// invalid or lacks a tool.
     pub fn restore(&mut self, arrangement: Arrangement, ctx: &Context) -> bool {
         let Arrangement { layout, hud, mut recent, zoom } = arrangement;
@@ -413,7 +413,7 @@ impl Panels {
         }
     }
 
-    /// Returns the median interval between recent frames of A, in milliseconds; `None` at rest, and until two frames of
+    /// Returns the median interval between recent frames of A, in milliseconds. `None` at rest, and until two frames of
     /// the plan were drawn without a pause between them.
     pub(in crate::view) fn interval(&self) -> Option<f64> {
         median(self.frame_ms.iter().copied().collect()).filter(|ms| *ms > 0.0)
@@ -533,8 +533,8 @@ impl Panels {
     }
 }
 
-/// Describes how a plan differs from the previous one, such as `63 → 75 passes: sort 12 → 24`, or `63 passes, as
-/// before` if no phase has another number of passes.
+/// Describes how a plan differs from the previous one, such as `63 → 75 passes: sort 12 → 24`. If no phase has another
+/// number of passes, the text is like `63 passes, as before`.
 fn difference(former: &Plan, plan: &Plan) -> String {
     // Returns the phase of each pass of a frame.
     fn phases(plan: &Plan) -> Vec<&str> {

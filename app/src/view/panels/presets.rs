@@ -1,5 +1,5 @@
-//! Lists the selectable graphs: the built-in graphs, files that were used in this window, and files of the folders where
-//! `-p` and the current graph look for graphs.
+//! Lists the selectable graphs: the built-in graphs, files that were used in this window, and files in folders. The
+//! folders are those where `-p` and the current graph look for graphs.
 
 use super::controls::Controls;
 use super::widgets;

@@ -1,5 +1,5 @@
-//! Selects splats in the picture with a box or a brush, and draws the card with the tools, the number of selected
-//! splats, and the buttons for them.
+//! Selects splats in the picture with a box or a brush, and draws the card of the selection. The card has the tools,
+//! the number of selected splats, and the buttons for them.
 //!
 //! While a tool is active, the left button selects instead of moving the camera. The card is shown while a tool is
 //! active, or any splat is selected or hidden.
@@ -103,7 +103,7 @@ impl State {
         self.touched = Some(viewport);
     }
 
-    /// Takes the viewport of the last drag, to whose scene keys and card then apply; `None` if no drag has begun since
+    /// Takes the viewport of the last drag, to whose scene keys and card then apply. `None` if no drag has begun since
     /// the last call.
     pub fn take_touched(&mut self) -> Option<RendererId> {
         self.touched.take()
@@ -187,8 +187,8 @@ impl State {
         }
     }
 
-    /// Draws the card at the bottom of the picture, for the scene of viewport `id`: all of it, or only a line of text
-    /// if not `whole`. Draws nothing if no tool is active and no splat is marked.
+    /// Draws the card at the bottom of the picture, for the scene of viewport `id`. Draws only its line of text if not
+    /// `whole`, and nothing if no tool is active and no splat is marked.
     pub fn card(
         &mut self,
         ctx: &Context,

@@ -91,8 +91,8 @@ pub fn touches(pass: &DumpPass, resource: &str) -> (bool, bool) {
     (of(&pass.reads), of(&pass.writes))
 }
 
-/// Returns the bytes of the resources that a pass reads, and of those that it writes: upper bounds of its traffic if it
-/// accesses each byte at most once.
+/// Returns the bytes of the resources that a pass reads, and of those that it writes. They are upper bounds of its
+/// traffic if it accesses each byte at most once.
 pub fn bound_bytes(dump: &Dump, pass: &DumpPass) -> (u64, u64) {
     let sum = |touches: &[Use<String>]| {
         touches.iter().filter_map(|touch| resource(dump, &touch.resource)).map(|r| r.bytes).sum()

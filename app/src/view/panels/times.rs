@@ -83,8 +83,8 @@ pub fn show(
     memory(ui, &viewport.renderer.device().map(Device::memory).unwrap_or_default());
 }
 
-/// Lists phases in the order of their colours: first the newest plan's, prologue included, as in the timeline; then
-/// phases of earlier plans only.
+/// Lists phases in the order of their colours. The newest plan's come first, prologue included, as in the timeline;
+/// then phases of earlier plans only.
 fn phases(history: &History) -> IndexSet<String> {
     let of_plan = |plan: &Arc<Plan>| plan.order().map(|pass| plan.pass(pass).phase.clone()).collect();
     let mut phases: IndexSet<String> = history.plan().map(of_plan).unwrap_or_default();

@@ -145,8 +145,8 @@ pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Control
     text.trim().to_lowercase()
 }
 
-/// Ranks an item of a searched list: first an equal name, then names that begin with `wanted`, names that contain it,
-/// and descriptions that contain it. Returns `None` if nothing matches. `wanted` must be in lower case.
+/// Ranks an item of a searched list; `None` if nothing matches. An equal name comes first, then names that begin with
+/// `wanted`, names that contain it, and descriptions that contain it. `wanted` must be in lower case.
 pub fn rank(wanted: &str, names: &[&str], about: &str) -> Option<u8> {
     let of = |text: &str| {
         let text = text.to_lowercase();

@@ -12,8 +12,8 @@ pub enum Failure {
     Backend(BackendError),
     /// The build panicked, which is a bug in this program.
     Panicked(String),
-    /// The device was lost repeatedly with this graph, so the graph is not built again until its files, its parameters
-    /// or the scene change. The field is the error text of the loss.
+    /// The device was lost repeatedly with this graph. The graph is not built again until its files, its parameters or
+    /// the scene change. The field is the error text of the loss.
     Held(String),
 }
 

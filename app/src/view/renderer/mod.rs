@@ -202,7 +202,7 @@ impl Renderer {
         }
     }
 
-    /// Describes the failures of the newest build and of the last frame, with ANSI colours if `colour`; `None` if there
+    /// Describes the failures of the newest build and of the last frame, with ANSI colours if `colour`. `None` if there
     /// are none.
     pub fn problem(&self, colour: bool) -> Option<String> {
         let mut texts: Vec<String> = self.failure().map(|failure| failure.text(colour)).into_iter().collect();

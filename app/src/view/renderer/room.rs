@@ -32,8 +32,8 @@ impl Renderer {
         self.plan().is_some_and(|plan| plan.params.iter().any(|param| param.grows.is_some()))
     }
 
-    /// Returns true if waiting cannot make frames more complete: no list can grow, or a frame of the plan has finished
-    /// and either was complete or no build is running.
+    /// Returns true if waiting cannot make frames more complete. This holds if no list can grow, or once a frame of the
+    /// plan has finished and either was complete or no build is running.
     pub fn is_at_best(&self) -> bool {
         !self.grows() || self.whole.is_some_and(|whole| whole || !self.busy())
     }

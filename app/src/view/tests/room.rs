@@ -1,4 +1,4 @@
-//! Tests frames that need more capacity than their plan has: they are held back or shown incomplete until a larger plan
+//! Tests frames that need more capacity than their plan has. They are held back or shown incomplete until a larger plan
 //! is built.
 
 use super::script::{Script, arranged};

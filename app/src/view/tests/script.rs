@@ -79,8 +79,8 @@ const SHADERS: [(&str, &str); 3] = [
     ),
 ];
 
-/// Devices opened during the visit: each with a context, if any, from which its messages are read at the end, and the
-/// journal of its calls.
+/// Devices opened during the visit, each with the journal of its calls. The context, if any, is for reading the
+/// device's messages at the end.
 type Devices = Vec<(Option<Backend>, Journal)>;
 
 /// Final state of a visit, for comparison with other visits.
@@ -130,8 +130,7 @@ impl Script {
         Script::open_in(arranged(), config, false)
     }
 
-    /// Opens the viewer in an arranged folder; with separate devices for the scene and the window, as on a CPU, if
-    /// `apart`.
+    /// Opens the viewer in an arranged folder. If `apart`, the scene and the window have separate devices, as on a CPU.
     pub fn open_in(folder: TempDir, config: &Config, apart: bool) -> Script {
         let devices = Rc::new(RefCell::new(Devices::default()));
         let config = config.clone();

@@ -26,8 +26,8 @@ impl Viewer {
         self.picture_camera_of(RendererId::A)
     }
 
-    /// Returns the current camera at the size of the last frame's pictures, in the coordinates of a viewport's scene,
-    /// with the projection of its graph.
+    /// Returns the current camera in the coordinates of a viewport's scene, with the projection of the viewport's
+    /// graph. The camera's size is that of the last frame's pictures.
     pub fn picture_camera_of(&self, id: RendererId) -> Camera {
         let graph = self.graph_projection(id).unwrap_or_default();
         projection::shown(&self.camera_of(id, self.asked), graph, self.loaded(id))

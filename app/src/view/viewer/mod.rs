@@ -198,8 +198,8 @@ impl Viewer {
         }
     }
 
-    /// Returns true while the result of a request is pending: a build, load, comparison, pick, selection or export, a
-    /// list that may still grow, or a picture that is not shown yet.
+    /// Returns true while a build, load, comparison, pick, selection or export is pending. Also while a list may still
+    /// grow, or a picture is not shown yet.
     pub fn busy(&self) -> bool {
         self.changes_soon() || self.is_comparing() || self.picker.busy() || self.exporter.busy()
     }
@@ -532,7 +532,7 @@ impl Viewer {
         self.asked.0 == 0 || self.asked.1 == 0
     }
 
-    /// Returns the pictures of A and B for the window, each with a unique number; `None` before a viewport's first
+    /// Returns the pictures of A and B for the window, each with a unique number. `None` before a viewport's first
     /// picture, and for B while it is hidden.
     pub fn pictures(&self) -> [Option<(Shown, u64)>; 2] {
         let b = self.b.as_ref().filter(|_| self.compare != Mode::A);

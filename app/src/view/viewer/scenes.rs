@@ -44,8 +44,8 @@ impl Viewer {
         &self.subject_of(id).path
     }
 
-    /// Returns the error of loading a viewport's shown scene again, or of opening a list of scenes, with its location
-    /// in the list; `None` once a scene is loaded.
+    /// Returns the error of loading a viewport's shown scene again, or of opening a list of scenes. The latter has its
+    /// location in the list. `None` once a scene is loaded.
     pub fn scene_error(&self, id: RendererId) -> Option<&str> {
         self.scene_errors[opening::index(id)].as_ref().map(|(_, text)| text.as_str())
     }
@@ -103,8 +103,8 @@ impl Viewer {
         }
     }
 
-    /// Loads the changed scenes again, unless another load is running for their viewport: a file that keeps changing
-    /// would restart the load forever.
+    /// Loads the changed scenes again, unless another load is running for their viewport. A file that keeps changing
+    /// would otherwise restart the load forever.
     pub(super) fn reload_scenes(&mut self) {
         for id in [RendererId::A, RendererId::B] {
             if self.loading(id).is_none()

@@ -35,7 +35,7 @@ const LOOK: u32 = 16;
 /// Maximum wait for each renderer's frames, and in total for builds, when the window closes.
 const CLOSING: Duration = Duration::from_secs(3);
 
-/// Time after which the program gives up if the window's own graph could never be drawn because of a transient failure,
+/// Time after which the program ends if the window's own graph could never be drawn. The cause is a transient failure,
 /// such as a lack of memory.
 const BLIND: Duration = Duration::from_secs(3);
 
@@ -98,7 +98,8 @@ impl Running {
     }
 
     /// Draws a frame if one is due, and polls frames in flight; returns true if the window must close. Does neither
-    /// while the window is hidden or has no pixels. Fails if the window can show nothing any more.
+    /// while the window is hidden or has no pixels. Fails if no device can be opened, the window's own graph could
+    /// never be drawn, or what the command line requested cannot be shown or saved.
     pub fn turn(&mut self) -> Result<bool> {
         let now = Instant::now();
         let is_due = |time: Option<Instant>| time.is_some_and(|time| time <= now);
@@ -130,9 +131,9 @@ impl Running {
         [asked, self.next, self.look].into_iter().flatten().min().map(|time| time.max(self.earliest))
     }
 
-    /// Returns the minimum interval between frames: one refresh of the display with vsync on Wayland; zero otherwise,
-    /// and if the refresh rate is unknown. On Wayland, presentation must not wait for the display, because a hidden
-    /// window would wait forever.
+    /// Returns the minimum interval between frames: one refresh of the display with vsync on Wayland, otherwise zero.
+    /// Also zero if the refresh rate is unknown. On Wayland, presentation must not wait for the display, because a
+    /// hidden window would wait forever.
     fn interval(&self) -> Duration {
         if !self.shell.panels.vsync {
             return Duration::ZERO;
@@ -208,8 +209,8 @@ impl Running {
         Ok(close && self.save.is_none())
     }
 
-    /// Returns true if this frame is the last: a screenshot or a number of frames was requested, the frame shows the
-    /// requested state, and enough frames were drawn. Fails if the requested state cannot be shown.
+    /// Returns true if this frame is the last. A screenshot or a number of frames was then requested, the frame shows
+    /// the requested state, and enough frames were drawn. Fails if the requested state cannot be shown.
     fn must_close(&self) -> Result<bool> {
         if self.closing.screenshot.is_none() && self.closing.frames.is_none() {
             return Ok(false);
