@@ -31,7 +31,8 @@ use std::path::{Path, PathBuf};
 /// with this copy. The bytes of a pass are the declared sizes of all buffers and images that it reads, plus those of
 /// all that it writes. A pass that reads data several times moves more. A pass over only the visible splats moves less.
 ///
-/// The default scene is the demo scene, which the first use generates. The default camera frames the scene.
+/// The default scene is the demo scene, which the first use generates. The default camera is the first beside the
+/// scene, or one that frames it.
 ///
 /// A graph that cannot be drawn is a row with the reason. If nothing could be measured, the exit code is 1.
 ///

@@ -40,8 +40,8 @@ enum Kind {
     Order(Common),
     /// Omit bands of the spherical harmonics in the glossiest part of the scene
     ///
-    /// Draws bands up to 0, 1, 2 and 3 in the part of the picture whose colours depend most on the direction. It is
-    /// drawn from three directions, or from the given cameras if there are several. Compares the error with the sum of
+    /// Draws the part of the picture whose colours depend most on the direction, with bands up to each degree of the
+    /// scene, from three directions, or from the given cameras if there are several. Compares the error with the sum of
     /// the squared coefficients.
     Sh(Common),
 }

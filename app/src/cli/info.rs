@@ -27,10 +27,10 @@ const EXAMPLES: &str = "Examples:
 /// Show the size breakdown of a scene file, its flaws, and the GPU memory that a graph needs for it
 ///
 /// The size breakdown accounts for every byte of the file: fields x bytes x splats. The report counts dropped and
-/// unusual splats. It shows the depth range that a sort key must resolve, for the given cameras or one that frames the
-/// scene. It gives a width of depth keys that is sufficient to keep overlapping splats in order, and the change of the
-/// colours by each band of spherical harmonics, with splats weighted by opacity times area (see `advise --help`). It
-/// also reports whether the scene fits the device, and if not, the number of splats that fit.
+/// unusual splats. It shows the depth range that a sort key must resolve, for the cameras: by default, the first beside
+/// the scene, or one that frames it. It gives a width of depth keys that is sufficient to keep overlapping splats in
+/// order, and the change of the colours by each band of spherical harmonics, with splats weighted by opacity times area
+/// (see `advise --help`). It also reports whether the scene fits the device, and if not, the number of splats that fit.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {

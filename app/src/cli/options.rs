@@ -348,7 +348,7 @@ pub fn write_json(path: &Path, value: &serde_json::Value) -> Result<()> {
     write_text(Some(path), &format!("{value:#}\n"))
 }
 
-/// Writes cameras as a cameras.json in world coordinates. The cameras are in the scene's coordinates.
+/// Writes cameras, given in the scene's coordinates, as a cameras.json in world coordinates.
 pub fn write_cameras(path: &Path, cameras: &[Camera], scene: &Scene) -> Result<()> {
     let world: Vec<Camera> = cameras.iter().map(|camera| camera.in_world(scene.offset())).collect();
     write_json(path, &serde_json::to_value(world)?)

@@ -26,10 +26,10 @@ Set one with --set NAME=VALUE of `render` and the other commands, or by its slid
 
 /// List the parameters of a graph
 ///
-/// Each parameter is listed with its name, its allowed values, its default in brackets, and its meaning. If the exact
-/// value, which costs no accuracy, differs from the default, it is also shown. Changing a `const` builds a new plan.
-/// Changing a `live` parameter does not. Defaults depend on the device and on the scene. Without --scene, a million
-/// splats with spherical harmonics of degree 3 are assumed.
+/// Each parameter is listed with its name, its allowed values, its value in brackets (the default, unless --set sets
+/// it), and its meaning. If the exact value, which costs no accuracy, differs, it is also shown. Changing a `const`
+/// builds a new plan. Changing a `live` parameter does not. Defaults depend on the device and on the scene. Without
+/// --scene, a million splats with spherical harmonics of degree 3 are assumed.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {

@@ -29,8 +29,8 @@ use std::path::{Path, PathBuf};
 /// largest by opacity times area in the world, the largest by opacity times area on the screen, and the nearest visible
 /// ones. The largest are chosen before keys are made, as usual for levels of detail. The nearest are cut after the
 /// sort, for which tiles use `sorted=splats`; they are a half, a quarter and so on of the visible splats, so fewer if
-/// some are outside of the view (`drawn` in sweep.csv). Each picture is compared with the exact renderer's picture of
-/// all splats. It is the second frame of the view; histories begin with zeros.
+/// some are outside of the view (`drawn` in sweep.csv). Each picture, the second frame of its view (histories begin
+/// with zeros), is compared with the exact renderer's picture of all splats.
 ///
 /// Then a camera approaches, and the time of the draw is compared with the number of fragments.
 ///

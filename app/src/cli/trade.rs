@@ -53,7 +53,8 @@ use std::path::{Path, PathBuf};
 /// device are kept in a file of another name, and everything is measured again. So are rows of a setting whose plan has
 /// changed.
 ///
-/// The default scene is the demo scene, which the first use generates. The default camera frames the scene.
+/// The default scene is the demo scene, which the first use generates. The default camera is the first beside the
+/// scene, or one that frames it.
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("backend", options::that_draws))]
 #[command(mut_arg("pipeline", options::that_is_changed))]

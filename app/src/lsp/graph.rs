@@ -39,7 +39,7 @@ pub struct Workspace {
     pub has_built: bool,
 }
 
-/// Results of a graph's build. The declarations are kept from the last valid version while the graph has errors.
+/// Results of a graph's build. While the graph has errors, the public fields keep the values of its last valid version.
 #[derive(Default)]
 pub(super) struct Built {
     /// Descriptions of the resources, by name.

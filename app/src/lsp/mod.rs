@@ -167,8 +167,8 @@ impl Server {
         Ok(false)
     }
 
-    /// Builds a graph, and sends the diagnostics that changed. After the last graph, asks the editor to read the hints
-    /// again, because those of a file depend on other files, too.
+    /// Builds the next graph, if any, and sends the diagnostics that changed. After the last graph, asks an editor that
+    /// supports this to read the hints again, because the hints of a file depend on other files, too.
     fn build_next(&mut self, connection: &Connection) -> Result<()> {
         self.workspace.is_settled = !self.workspace.build_next();
         if self.workspace.is_settled
@@ -187,7 +187,7 @@ impl Server {
         Ok(())
     }
 
-    /// Records what the editor reports. A notification that cannot be parsed changes nothing.
+    /// Records an opened, changed, closed or watched file; ignores other notifications. An error changes nothing.
     fn note(&mut self, notification: Notification) -> serde_json::Result<()> {
         let params = text::with_strict_uris(notification.params);
         match notification.method.as_str() {

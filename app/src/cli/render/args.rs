@@ -43,7 +43,8 @@ const EXAMPLES: &str = "Examples:
 /// Draw a scene
 ///
 /// A graph draws the scene on a device. With `--backend reference`, the exact renderer draws it on the CPU, in f64. The
-/// default scene is the demo scene, which the first use generates. The default camera frames the scene.
+/// default scene is the demo scene, which the first use generates. The default camera is the first beside the scene, or
+/// one that frames it.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
