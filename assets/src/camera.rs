@@ -208,7 +208,7 @@ impl Camera {
         Self::framing_turns(scene, up, fov, size, 120)
     }
 
-    /// Creates a camera at a distance from which the scene fits at each of `turns` equal steps around the axis `up`.
+    /// Creates a camera far enough to show the scene at each of `turns` equal steps around the axis `up`.
     fn framing_turns(
         scene: &Scene,
         up: [f64; 3],
@@ -300,7 +300,7 @@ impl Camera {
         [0, 1].map(|axis| center[axis].map_or(0.0, |center| center - 0.5 * f64::from(size[axis])))
     }
 
-    /// Rounds the principal point as a round trip through a file does, so that the camera equals the one read back.
+    /// Rounds the principal point as a file does, so that the camera equals the one read back.
     #[must_use]
     pub fn rounded(self) -> Self {
         let principal_offset = Self::offset_of(self.principal_point().map(Some), [self.width, self.height]);

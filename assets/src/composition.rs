@@ -97,7 +97,7 @@ pub(crate) fn parse(text: &str, folder: &Path) -> Result<Vec<Placed>, SceneError
     scenes.0.into_iter().zip(places).map(|(part, at)| placed(part, at, folder)).collect()
 }
 
-/// Returns the line and column of each occurrence of a word in a text, from 1, except in comments and strings.
+/// Returns the line and column, from 1, of each occurrence of a word outside comments and strings.
 fn places_of(text: &str, word: &str) -> Vec<(usize, usize)> {
     let mut places = Vec::new();
     let (mut line, mut column) = (1, 1);

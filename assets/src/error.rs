@@ -129,7 +129,7 @@ impl SceneError {
         LoadError { path: path.to_owned(), problem: self }
     }
 
-    /// Adds a file name to an error that has only a byte offset or a line number; returns other errors unchanged. The
+    /// Adds a file name to an error that has only a byte offset or a line number. Returns other errors unchanged. The
     /// file is in the archive or beside the scene.
     pub(crate) fn in_file(self, name: &str) -> Self {
         match self {

@@ -91,7 +91,7 @@ impl Turn {
         Self { matrix: Some(matrix) }
     }
 
-    /// Rotates each band up to `degree` by itself: between bands, the matrix has only rounding errors, which would fill
+    /// Rotates each band up to `degree` by itself. Between bands, the matrix has only rounding errors, which would fill
     /// empty bands.
     pub(crate) fn apply(&self, sh: &mut [f32; 48], degree: u32) {
         let (before, coefficients) = (*sh, (degree + 1) * (degree + 1));

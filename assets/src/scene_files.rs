@@ -1,4 +1,4 @@
-//! Lists the files that a scene is read from: the parts of a composition, the textures of a folder, chunks and buffers.
+//! Lists the files that a scene is read from: parts of a composition, textures of a folder, chunks and buffers.
 
 use crate::composition;
 use crate::error::SceneError;
@@ -34,8 +34,7 @@ pub(crate) fn document(path: &Path) -> Option<PathBuf> {
     })
 }
 
-/// Lists the existing files of a scene: `path`, or the document that stands for a folder, and files that documents
-/// name.
+/// Lists the existing files of a scene: `path`, or a folder's document, and the files that documents name.
 ///
 /// Nothing is decoded, so that the files are known before the scene is loaded. Every text of a JSON document counts as
 /// a name, so the list may have files that the scene does not use. Unreadable documents name no files.

@@ -44,7 +44,7 @@ pub struct ElementSize {
 pub struct FieldSize {
     /// Name of the field; in PLY, of the property.
     pub name: String,
-    /// Type of the field: a scalar or list type, or a word such as `row`, `array` or `file` for data without columns.
+    /// Type of the field: scalar or list, or a word such as `row`, `array` or `file` for data without columns.
     pub kind: String,
     /// Bytes in each row; `None` if rows vary or are compressed together.
     pub bytes_per_row: Option<u64>,
@@ -115,7 +115,8 @@ pub fn grouped(value: u64) -> String {
     out
 }
 
-/// Formats a number for text: with three decimals, or with an exponent if it is below 0.001 or from 10 million on.
+/// Formats a number for text: with three decimals, or with an exponent. The exponent is used for absolute values below
+/// 0.001, except 0, and from 10 million on.
 pub fn rounded(value: f64) -> String {
     if value == 0.0 || (1e-3..1e7).contains(&value.abs()) {
         format!("{value:.3}")

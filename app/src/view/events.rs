@@ -155,8 +155,7 @@ pub struct Swap {
     pub plan_ms: f64,
     /// Milliseconds to prepare the device: memory, pipelines, uploads.
     pub prepare_ms: f64,
-    /// Milliseconds from the change, or the system's notification of it, to the end of the plan's first frame on the
-    /// device.
+    /// Milliseconds from the change, or its notification by the system, to the end of the plan's first frame.
     pub latency_ms: f64,
 }
 
@@ -183,7 +182,7 @@ pub enum Event {
         #[serde(flatten)]
         swap: Swap,
     },
-    /// A plan could not be built, or a frame could not be drawn; the previous plan and picture, if any, stay.
+    /// A plan could not be built, or a frame could not be drawn. The previous plan and picture, if any, stay.
     Failed {
         /// Renderer that failed.
         renderer: RendererId,

@@ -28,7 +28,7 @@ pub struct Opened {
 
 /// The content of a file, or the error of reading it.
 pub enum Content {
-    /// A scene for a viewport, with the stamps of its files from before they were read; none if the load panicked.
+    /// A scene for a viewport, with the stamps of its files from before they were read. No stamps if the load panicked.
     Scene(RendererId, Vec<Wanted>, Result<OpenedScene, String>),
     /// Cameras, in world coordinates.
     Cameras(CameraRole, Result<Vec<Camera>, String>),

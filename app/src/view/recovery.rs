@@ -23,7 +23,7 @@ const ATTEMPTS: u32 = 20;
 /// Maximum wait for a build that still holds the lost device.
 const BUILDS: Duration = Duration::from_secs(5);
 
-/// A loss within this time after a device was reopened is assumed to have the same cause as the loss before.
+/// Time after a device is reopened within which a loss is attributed to the same cause as the loss before.
 const SOON: Duration = Duration::from_secs(30);
 
 /// A function that opens the window's and the scene's device. Its arguments are the window's size in pixels, and true

@@ -68,7 +68,7 @@ pub struct Frame {
     /// Time of the next frame; `None` to wait for an event. Completion of frames in flight is not included: see
     /// [`Shell::in_flight`].
     pub next: Option<Instant>,
-    /// Pixels of the window, if this frame or an earlier one was to be read back and its picture is ready.
+    /// Pixels of the window; `None` unless the picture of a frame that was to be read back is ready.
     pub picture: Option<Pixels>,
     /// Error that reported the loss of the device or of its window surface. Nothing is drawn until [`Shell::release`]
     /// and [`Shell::give`] were called.

@@ -223,7 +223,7 @@ impl History {
         go(&mut self.past, &mut self.now, &mut self.future, viewer)
     }
 
-    /// Redoes the last undone step that has an effect; returns a description of the change, or `None` if there is none.
+    /// Redoes the last undone step that has an effect. Returns a description of the change; `None` if there is none.
     pub fn redo(&mut self, viewer: &mut Viewer) -> Option<String> {
         go(&mut self.future, &mut self.now, &mut self.past, viewer)
     }

@@ -25,7 +25,7 @@ pub enum CameraError {
     Invalid {
         /// Path of the file.
         path: PathBuf,
-        /// Position in the file, such as line and column or byte and field, after a colon; empty if it is unknown.
+        /// Position in the file after a colon, such as line and column or byte and field; empty if unknown.
         place: String,
         /// Expected and found values, as a sentence.
         message: String,

@@ -242,7 +242,7 @@ fn within(path: &Path, parts: &[Placed], error: LoadError) -> LoadError {
 }
 
 impl SceneFormat {
-    /// Returns the tags that a scene with the tags of `notes` has after it is written in this format and read back.
+    /// Returns what a scene's tags `notes` become if it is written in this format and read back.
     pub fn kept_tags(self, notes: FileNotes) -> FileNotes {
         let none = FileNotes::default();
         match self {

@@ -16,7 +16,7 @@ pub(crate) struct Component {
 }
 
 impl Component {
-    /// Creates the type with a number of OpenGL; `None` if it is none of floats and integers of 8 or 16 bits.
+    /// Creates a type from its number in OpenGL; `None` unless it is floats, or integers of 8 or 16 bits.
     pub(crate) fn new(kind: u32, normalized: bool) -> Option<Self> {
         let (scalar, one) = match kind {
             5120 => (Scalar::I8, 127.0),

@@ -226,7 +226,7 @@ fn quaternion(word: u32) -> [f64; 4] {
     activation::with_omitted((word >> 30) as usize, others)
 }
 
-/// Converts the byte of a coefficient above band 0; the extreme bytes are the ends of the range, -4 and 4.
+/// Converts the byte of a coefficient above band 0. The extreme bytes are the ends of the range, -4 and 4.
 fn harmonic(byte: u8) -> f32 {
     let part = match byte {
         0 => 0.0,

@@ -1,4 +1,4 @@
-//! Reads the splats of a file: unpacks the arrays of all chunks, then converts the rows of the leaves in parallel.
+//! Reads the splats of a file. Unpacks the arrays of all chunks, then converts the rows of the leaves in parallel.
 
 use super::chunk::{Arrays, Chunks};
 use super::document::{BANDS, Name};

@@ -375,7 +375,7 @@ impl Scene {
         self.gathered.bounds
     }
 
-    /// Returns the box from the 1st to the 99th percentile of each coordinate, which ignores outliers;
+    /// Returns the box from the 1st to the 99th percentile of each coordinate, which ignores outliers. It is
     /// [`Bounds::ORIGIN`] for a scene without splats. Computed once.
     pub fn robust_bounds(&self) -> Bounds {
         *self.robust.get_or_init(|| {

@@ -61,10 +61,10 @@ impl Scene {
         Ok(scene.with_offset(origin))
     }
 
-    /// Returns true if f32 suffices for positions in the world: it shifts no splat by more than 1/256 of its size.
+    /// Returns true if f32 suffices for positions in the world. It must shift no splat by more than 1/256 of its size.
     ///
-    /// A splat may shift further by up to one step of floats at 8 times the median distance from the middle. `size`
-    /// returns a splat's largest standard deviation.
+    /// Shifts of up to one step of floats at 8 times the median distance from the middle are allowed for every size.
+    /// `size` returns a splat's largest standard deviation.
     pub(crate) fn fits_floats(
         count: u32,
         position: impl Fn(usize) -> DVec3 + Sync,

@@ -215,7 +215,7 @@ fn a_folder_has_the_splats_of_the_archive_and_only_its_own_files() {
     says(parse(two().0.to_string().as_bytes()).unwrap_err(), "expected a file in the folder of the JSON");
 }
 
-/// Writes a streamed scene with two leaves: each has a splat at level 0, and the first has one at level 1.
+/// Writes a streamed scene with two leaves. Each has a splat at level 0, and the first has one at level 1.
 fn streamed(at: &Path) -> Value {
     folder(&at.join("0_0"), &two());
     folder(&at.join("1_0"), &version_1());

@@ -13,7 +13,7 @@ use std::ops::RangeInclusive;
 /// Maximum ratio of unpacked to packed bytes in a gzip stream: 258 bytes in 2 bits (RFC 1951).
 const MAX_OF_GZIP: u64 = 1032;
 
-/// Maximum ratio of unpacked to packed bytes in a Zstandard stream: a block of 128 KiB in 4 bytes (RFC 8878).
+/// Maximum ratio of unpacked to packed bytes in Zstandard: a block of 128 KiB in 4 bytes (RFC 8878).
 const MAX_OF_ZSTD: u64 = (128 << 10) / 4;
 
 /// Minimum growth of an array, in bytes.

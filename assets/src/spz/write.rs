@@ -65,7 +65,7 @@ pub(crate) fn write(scene: &Scene, version: SpzVersion, out: &mut impl Write) ->
     Ok(())
 }
 
-/// Calls `array` for each array of a file, in order, with its bytes per splat and a function that writes it.
+/// Calls `array` for each array of a file, in order, with the bytes per splat and a writer of the array.
 fn arrays(
     scene: &Scene,
     bits: u32,
@@ -117,8 +117,8 @@ fn rotation([w, x, y, z]: [f32; 4]) -> u32 {
     })
 }
 
-/// Quantises the float at index `at` of a splat's harmonics: to 1/16 in band 1, and to 1/8 in higher bands. The
-/// coarser steps compress better.
+/// Quantises the float at index `at` of a splat's harmonics: to 1/16 in band 1, to 1/8 above. The coarser steps
+/// compress better.
 fn harmonic(at: usize, value: f32) -> u8 {
     let step = if at < sh_floats(1) { 8.0 } else { 16.0 };
     let byte = (f64::from(value) * 128.0).round() + 128.0;

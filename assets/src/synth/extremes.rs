@@ -317,7 +317,8 @@ pub(super) fn two_clouds_camera() -> Camera {
     Camera { img_name: "smaller".into(), ..camera().relative_to(TWO_CLOUDS.map(|v| -v)) }
 }
 
-/// Creates a distant camera whose field of view is 1.5 times as wide as a ball of this radius at the origin.
+/// Creates a camera at `distance` from the origin, where it sees a ball of this radius. The field of view is 1.5 times
+/// as wide as the ball.
 pub(super) fn telephoto_camera(distance: f64, radius: f64) -> Camera {
     let degrees = 3.0 * (radius / distance).atan().to_degrees();
     let eye = [0.28 * distance, -0.3 * distance, -0.911_921 * distance];

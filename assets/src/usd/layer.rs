@@ -1,5 +1,4 @@
-//! Stores the parts of a layer that the USD reader needs: the up axis, and prims with some of their attributes. A layer
-//! also tells whether it refers to others.
+//! Stores the parts of a layer that the USD reader needs: up axis, prims, some attributes, and references to others.
 
 use crate::error::{SceneError, field, wrong};
 use crate::input::{Source, Table};

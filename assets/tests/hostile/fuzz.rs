@@ -265,7 +265,7 @@ fn damaged_sog_files_are_read_or_refused() {
     }
 }
 
-/// Writes a file with an old modification time, so that its reader need not wait until the time is 20 ms old.
+/// Writes a file with an old modification time. A reader would wait until a new time is 20 ms old.
 fn write_old(path: &Path, bytes: &[u8]) {
     let mut file = std::fs::File::create(path).unwrap();
     file.write_all(bytes).unwrap();

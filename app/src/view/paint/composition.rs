@@ -159,7 +159,7 @@ impl Shown {
         }
     }
 
-    /// Returns the first row of a part and its number of rows; `None` if the picture does not need the part.
+    /// Returns the first row and the number of rows of a part; `None` if the picture does not need it.
     fn rows(&self, part: u32) -> Option<(u32, u32)> {
         let rows = self.rows_per_part();
         let first = part.checked_mul(rows).filter(|first| *first < self.height)?;

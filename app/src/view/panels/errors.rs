@@ -131,7 +131,7 @@ fn named<T: PartialEq + Display>(problems: Vec<(RendererId, T)>, has_b: bool) ->
     }
 }
 
-/// Parses the first location of an existing file in an error, such as `  --> pipelines/splat.ron:11:85`; `None` if it
+/// Parses the first location of an existing file in an error, such as `  --> pipelines/splat.ron:11:85`. `None` if it
 /// has none. A setting and the command line also have locations, but no file to edit.
 fn origin(text: &str) -> Option<Origin> {
     let places = text.lines().filter_map(|line| line.trim_start().strip_prefix("--> "));

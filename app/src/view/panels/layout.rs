@@ -12,7 +12,7 @@ use std::collections::HashSet;
 /// Minimum size of the picture beside docked tools, in points.
 pub const PICTURE: Vec2 = vec2(320.0, 200.0);
 
-/// Widths of the tools at a side, in points: the width that must be free to dock them, and the initial width.
+/// Widths of the tools at a side, in points: what must be free to dock them, and the initial width.
 const SIDE: (f32, f32) = (240.0, 320.0);
 
 /// Height that must be free to dock the tool below the picture, in points.

@@ -37,7 +37,7 @@ pub struct State {
 type Change = (String, Option<Value>);
 
 impl State {
-    /// Sets the text above the list: a constant, and the effect of its last change on the plan; `None` removes it.
+    /// Sets the text above the list: a constant, and the effect of its last change. `None` removes it.
     pub fn tell(&mut self, effect: Option<(String, String)>) {
         self.effect = effect;
     }

@@ -125,7 +125,7 @@ impl State {
         }
     }
 
-    /// Ends the drag, and requests a selection of the splats in its region; a box without a second corner has none.
+    /// Ends the drag, and requests a selection of the splats in its region. A box without a second corner has none.
     /// `view` is the picture's rectangle, in points.
     pub fn end(&mut self, view: Rect, viewer: &mut Viewer) {
         let (Some(tool), Some(drag)) = (self.tool, self.drag.take()) else { return };
@@ -266,7 +266,7 @@ impl State {
         });
     }
 
-    /// Draws the path field and the buttons that write a file, or the progress of the file that is being written.
+    /// Draws the path field and the buttons that write a file, or the progress of a file being written.
     fn files(&mut self, ui: &mut Ui, viewer: &mut Viewer, id: RendererId, controls: &mut Controls) {
         if let Some(text) = viewer.exporting() {
             ui.horizontal(|ui| {

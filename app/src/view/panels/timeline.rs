@@ -286,7 +286,7 @@ impl View<'_> {
         clicked
     }
 
-    /// Draws a bar for each run of passes of one phase, with the phase's name, since colours alone do not suffice.
+    /// Draws a bar for each run of passes of one phase, with the phase's name.
     fn draw_phases(&self, ui: &Ui, painter: &Painter) {
         let View { dump, columns, area, palette, .. } = *self;
         let grey = self.times.unreliable;
@@ -370,8 +370,8 @@ impl View<'_> {
         }
     }
 
-    /// Draws memory: a bar for each resource's lifetime, or over all passes if it has none; circles for reads, squares
-    /// for writes. Returns the resource that was clicked.
+    /// Draws memory: a bar for each resource's lifetime, or over all passes if it has none. Circles are reads, squares
+    /// are writes. Returns the resource that was clicked.
     fn draw_lanes(&self, ui: &Ui, lanes: &[Lane], controls: &mut Controls) -> Option<Selection> {
         let View { dump, columns, selection, area, palette, .. } = *self;
         let mut clicked = None;
@@ -466,7 +466,7 @@ fn legend(ui: &mut Ui, dump: &Dump) {
     }
 }
 
-/// Draws the symbol for a pass's use of a resource: a square for writes, a circle for reads, and nothing for neither.
+/// Draws the symbol for a pass's use of a resource: a square for writes, a circle for reads.
 fn draw_use(painter: &Painter, palette: &Palette, centre: Pos2, reads: bool, writes: bool) {
     if writes {
         painter.rect_filled(Rect::from_center_size(centre, vec2(6.0, 6.0)), 1.0, palette.ink);

@@ -11,7 +11,7 @@ use egui::{Frame, Rect, Response, Ui, WidgetText};
 use egui_tiles::{SimplificationOptions, TileId, Tiles, UiResponse};
 
 impl Panels {
-    /// Draws the docked tools and the picture; returns the picture's rectangle, in points, or [`Rect::NOTHING`] if a
+    /// Draws the docked tools and the picture. Returns the picture's rectangle, in points, or [`Rect::NOTHING`] if a
     /// tool's tab hides it.
     pub(super) fn docked(&mut self, ui: &mut Ui, viewer: &mut Viewer, window: &History) -> Rect {
         self.layout.arrange(ui.max_rect(), self.hidden);

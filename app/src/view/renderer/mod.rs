@@ -288,7 +288,7 @@ impl Renderer {
         self.redraw
     }
 
-    /// Returns the time by which [`Renderer::poll`] must be called even if nothing wakes the owner; `None` if it need
+    /// Returns the time by which [`Renderer::poll`] must be called even if nothing wakes the owner. `None` if it need
     /// not be.
     pub(super) fn next(&self) -> Option<Instant> {
         let rebuild = match self.build.pause {

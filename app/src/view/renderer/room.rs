@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 impl Renderer {
-    /// Returns the reason why the device rejected more capacity; `None` if it did not, or after a change or the retry
+    /// Returns the reason why the device rejected more capacity. `None` if it did not, or after a change or the retry
     /// time.
     pub fn crowded(&self) -> Option<&str> {
         self.crowded.as_ref().map(|crowded| crowded.reason.as_str())
@@ -57,7 +57,7 @@ impl Renderer {
         short
     }
 
-    /// Returns the time from which frames may request more capacity again; `None` if they may now, or only after a
+    /// Returns the time from which frames may request more capacity again. `None` if they may now, or only after a
     /// change.
     pub(super) fn room_again(&self) -> Option<Instant> {
         self.crowded.as_ref()?.retry

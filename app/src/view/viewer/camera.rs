@@ -50,7 +50,7 @@ impl Viewer {
         }
     }
 
-    /// Sets the up direction of the navigation and of exported files, and flies to an upright view of the whole scene.
+    /// Sets the up direction of the navigation and of exported files. Flies to an upright view of the whole scene.
     pub fn show_upright(&mut self, up: [f64; 3]) {
         self.subject.up = Some(up);
         self.navigation.set_up(up.into());

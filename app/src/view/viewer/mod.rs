@@ -277,8 +277,8 @@ impl Viewer {
         self.all().map(of).sum()
     }
 
-    /// Returns the time at which the next frame is due, unless a wake or the end of a frame comes first. `None` if only
-    /// these cause a frame.
+    /// Returns the time of the next frame, unless a wake or the end of a frame comes first. `None` if only these cause
+    /// a frame.
     pub(super) fn next(&self) -> Option<Instant> {
         let of = |viewport: &Viewport| {
             let retry = viewport.renderer.retry().filter(|_| viewport.waits());
@@ -424,7 +424,7 @@ impl Viewer {
         (self.picked, self.picked_before) = (None, None);
     }
 
-    /// Returns the world distance from the selected splat to the one selected before the last pick; `None` if either is
+    /// Returns the world distance from the selected splat to the one selected before the last pick. `None` if either is
     /// missing.
     pub fn picked_distance(&self) -> Option<f64> {
         let [here, before] = [self.picked.as_ref()?.splat()?.position, self.picked_before?].map(DVec3::from);

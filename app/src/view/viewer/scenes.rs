@@ -241,7 +241,7 @@ impl Viewer {
         }
     }
 
-    /// Returns the marks for a newly loaded scene: restored ones, or those of a scene that was loaded again; otherwise
+    /// Returns the marks for a newly loaded scene: restored ones, or those of a scene that was loaded again. Otherwise
     /// `None`. Reports marks that were dropped, and records reindexed scenes.
     fn marks_for(&mut self, id: RendererId, subject: &Subject) -> Option<Marks> {
         let restored = self.restored[opening::index(id)].take();

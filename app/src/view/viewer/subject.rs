@@ -176,7 +176,7 @@ impl Subject {
         (copy, Ok(()))
     }
 
-    /// Creates the navigation for the scene as drawn, without cameras: the whole scene is in view, upright with respect
+    /// Creates the navigation for the scene as drawn, without cameras. The whole scene is in view, upright with respect
     /// to `up`.
     pub fn navigation(&self, up: [f64; 3]) -> Navigation {
         let camera = Camera::framing_upright(&self.scene, up, None, facts::DEFAULT_SIZE);

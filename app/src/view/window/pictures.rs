@@ -6,8 +6,8 @@ use anyhow::Result;
 use splatgraph_api::Pixels;
 use std::path::{Path, PathBuf};
 
-/// Saves a picture at `path`, in the format of its extension, or else as a new PNG file numbered after `stem`. Returns
-/// the path.
+/// Saves a picture at `path`, in the format of its extension, and returns the path. Without a `path`, saves a new PNG
+/// file named `stem` with a number.
 ///
 /// # Errors
 /// The picture has no colours, or the file cannot be written.

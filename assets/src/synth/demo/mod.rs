@@ -67,7 +67,7 @@ pub(super) fn demo(count: u32, seed: u64) -> Result<Scene, SceneMemoryError> {
     Scene::try_generate(count as u32, 3, |index| splats[index])
 }
 
-/// Returns four views of the demo scene, 960 x 540: the whole scene, the knot, the lotus, and a view from behind.
+/// Returns four views of the demo scene, 960 x 540: the whole, the knot, the lotus, and from behind.
 pub fn demo_cameras() -> Vec<Camera> {
     let view = |id, name: &str, eye, target, fov| Camera {
         id,
