@@ -67,7 +67,7 @@ fn height(text: &str) -> Result<f64, String> {
 }
 
 impl LookAtArgs {
-    /// Returns the camera names before the scene is loaded. `None` if the options give neither a camera nor a circle.
+    /// Returns the names of the cameras; `None` if the options give neither a camera nor a circle.
     pub fn names(&self) -> Option<Vec<String>> {
         match self.orbit {
             Some(count) => Some((0..count).map(|index| format!("orbit-{index:04}")).collect()),

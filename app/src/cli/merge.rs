@@ -29,7 +29,7 @@ pub struct Args {
     /// Folders of --output
     #[arg(required = true, value_name = "DIR")]
     folders: Vec<PathBuf>,
-    /// Folder of the joined files [default: the first folder]
+    /// Folder of the joined files; not for `render` [default: the first folder]
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
 }

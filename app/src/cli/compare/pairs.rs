@@ -14,7 +14,7 @@ pub struct Pair {
     pub b: PathBuf,
 }
 
-/// An argument of the command.
+/// The pictures that argument A or B of the command names.
 pub enum Pictures {
     One(PathBuf),
     /// Pictures of a folder by name without extension, or arrays of an archive by name.

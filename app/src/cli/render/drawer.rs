@@ -40,8 +40,8 @@ pub struct Loaded {
 }
 
 impl Loaded {
-    /// Loads the scenes and their cameras. Cameras get the requested size and the graph's projection; for the exact
-    /// renderer, they keep their own unless `graph` is another than pinhole.
+    /// Loads the scenes and their cameras. Cameras get the requested size and the projection `graph`. With the exact
+    /// renderer and a pinhole `graph`, they keep their own projections.
     fn load(args: &Args, work: &Work, graph: Projection, cancel: &AtomicBool) -> Result<Loaded> {
         let (scene, own) = args.scenes.load(cancel)?;
         let given = work.given.clone().or(own.map(|own| vec![own]));
