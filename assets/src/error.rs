@@ -56,9 +56,8 @@ pub enum SceneError {
     #[error("expected a scene with levels, a streamed SOG (lod-meta.json), found one without")]
     NoLevels,
 
-    /// A field of a binary file or a line of a text is damaged or has a forbidden value. The format or this reader
-    /// forbids it. The text begins with the offset of the field, in the file or in its decompressed data, or with the
-    /// number of the line.
+    /// A field of a binary file or a line of a text is damaged or not supported. The text begins with the offset of the
+    /// field, in the file or in its decompressed data, or with the number of the line.
     #[error("{0}")]
     Malformed(String),
 

@@ -72,7 +72,7 @@ pub struct History {
 }
 
 impl History {
-    /// Records a frame of `plan`.
+    /// Records a frame of `plan`; drops the oldest if there are [`WINDOW`] frames.
     pub fn push(&mut self, plan: &Arc<Plan>, result: &FrameResult) {
         let mut phases: Vec<(String, Option<f64>)> = Vec::new();
         let mut prologue = false;

@@ -208,7 +208,7 @@ fn distorted(name: &str, value: f64) -> String {
 }
 
 /// Converts a frame to a view. `size` returns the size of a photograph, for a view whose size the file lacks. Fails if
-/// a field is missing or the lens is not supported.
+/// a field is missing or wrong, or the lens is not supported.
 fn view(
     frame: &Fields,
     file: &Fields,

@@ -226,7 +226,7 @@ impl Dataset {
     }
 
     /// Returns the dataset with smaller photographs, from folders `images_N` beside `images`, with N the `factor`.
-    /// `None` unless there is such a folder for every photograph.
+    /// `None` unless there is such a folder for every photograph, and if the photographs' folder is unknown.
     pub fn reduced(&self, factor: u32) -> Option<Self> {
         let folder = self.photographs.as_ref()?;
         let beside = |images: &Path| images.with_file_name(format!("images_{factor}"));

@@ -95,8 +95,8 @@ fn wrong(found: &str) -> Error {
 
 /// Reads width and height in pixels from the header of a PNG or JPEG file.
 pub(super) fn size(path: &Path) -> Result<(u32, u32)> {
-    /// First bytes of a PNG file: its signature, and the length and type of its first chunk (PNG specification, 5.2 and
-    /// 11.2.1).
+    /// First bytes of a PNG file: its signature, and its first chunk's length and type. See 5.2 and 11.2.1 of the PNG
+    /// specification.
     const PNG: &[u8; 16] = b"\x89PNG\r\n\x1A\n\0\0\0\x0DIHDR";
     if is_png(path)? {
         let mut head = [0; 24];

@@ -141,7 +141,7 @@ fn json_of(bytes: &[u8]) -> &[u8] {
     }
 }
 
-/// Reports the first error of an invalid document and the number of the others: there can be millions.
+/// Converts an error of a document; of several, names the first and the number of the others.
 fn invalid(error: gltf::Error) -> SceneError {
     match error {
         gltf::Error::Validation(errors) if !errors.is_empty() => {

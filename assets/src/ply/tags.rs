@@ -42,7 +42,7 @@ pub(super) fn read(comment: &[&str], notes: &mut FileNotes) -> Result<bool, Scen
     Ok(true)
 }
 
-/// Formats the comments for the tags that PLY can store; empty for a scene without tags.
+/// Formats the comments for the tags that PLY can store: the filter and the up direction; empty without these.
 pub(super) fn comments(notes: FileNotes) -> String {
     let filter = match notes.low_pass {
         Filter::Dilated => "",

@@ -190,7 +190,7 @@ impl Layer {
         }
     }
 
-    /// Returns the first word of an attribute; `None` if its value has no words.
+    /// Returns the first word of an attribute; `None` if its value has no words. Fails like [`Layer::value`].
     pub(super) fn word(&self, prim: usize, name: &str) -> Result<Option<&str>, SceneError> {
         match self.value(prim, name)? {
             Some(Value::Words(words)) => Ok(words.first().map(String::as_str)),

@@ -451,7 +451,7 @@ mod tests {
 
     const FLOOR: Scale = Scale { min: 0.0, max: 0.02, step: 0.001 };
 
-    /// Draws a focused slider once for each list of keys; returns the values.
+    /// Draws a focused slider once for each list of pressed keys; returns the values.
     fn values(scale: Scale, mut value: f64, keys: &[&[Key]]) -> Vec<f64> {
         let (ctx, mut controls) = (Context::default(), Controls::default());
         let mut step = |keys: &&[Key]| {

@@ -85,7 +85,7 @@ impl DeviceState {
         DeviceState { device, fault: None }
     }
 
-    /// Records an error: the device becomes lost, or the next frame waits until `retry`. A loss is permanent.
+    /// Records an error: the device becomes lost, or the next frame waits until `retry`. Does nothing after a loss.
     pub fn fail(&mut self, error: BackendError, retry: Instant) {
         if self.device.is_some() && !matches!(self.fault, Some(Fault::Lost(_))) {
             self.fault =

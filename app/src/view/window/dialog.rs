@@ -72,9 +72,8 @@ impl Dialog {
     }
 }
 
-/// Returns an error if a dialog that ended without a file, `after` this time, was never shown. `None` if it was
-/// cancelled, and on systems other than Linux. On Linux, a desktop portal or else zenity shows the dialog; zenity is
-/// searched for in `path`.
+/// Returns an error if a dialog ended without a file so soon, `after` this time, that nothing can have shown it.
+/// `None` on systems other than Linux, and if `path` has zenity, which shows the dialog without a desktop portal.
 fn lacking(after: Duration, path: &OsStr) -> Option<String> {
     let has_zenity = || env::split_paths(path).any(|folder| folder.join("zenity").is_file());
     let is_lacking = cfg!(target_os = "linux") && after < SHOWN && !has_zenity();
