@@ -82,7 +82,7 @@ pub(crate) fn begins_as_scenes(head: &[u8]) -> bool {
     }
 }
 
-/// Parses the text of a file in `folder`.
+/// Parses the text of a file in `folder`. Fails if it names no scene.
 pub(crate) fn parse(text: &str, folder: &Path) -> Result<Vec<Placed>, SceneError> {
     let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
     let scenes: Scenes = ron::from_str(text).map_err(|error| {

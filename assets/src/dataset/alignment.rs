@@ -40,7 +40,8 @@ pub(super) fn beside(folder: &Path) -> Option<PathBuf> {
     Some(folder.join("dataparser_transforms.json")).filter(|file| file.is_file())
 }
 
-/// Moves cameras as a `dataparser_transforms.json` says.
+/// Moves cameras as the `dataparser_transforms.json` at `path` says, and lists the file in the dataset. `applied` is
+/// the motion that the cameras already contain; it is undone first.
 pub(super) fn apply(dataset: &mut Dataset, path: PathBuf, applied: &Applied) -> Result<(), CameraError> {
     let text = file::read_text(&path, MAX_CAMERA_BYTES).map_err(CameraError::io(&path))?;
     let invalid = |message: String| CameraError::invalid(&path, String::new(), message);

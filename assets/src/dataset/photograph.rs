@@ -16,7 +16,7 @@ const PICTURES: [&str; 29] = [
     "jxl", "dng", "cr2", "arw", "nef", "npy", "ppm", "pgm", "pnm", "jp2", "heif", "cr3", "raf", "rw2", "orf",
 ];
 
-/// Returns the path of a photograph without its extension and a leading `./`: a camera's `img_name`.
+/// Returns the path of a photograph without a leading `./` and a known extension: a camera's `img_name`.
 pub(super) fn stem(photograph: &str) -> &str {
     let name = photograph.strip_prefix("./").unwrap_or(photograph);
     let is_picture = |after: &str| PICTURES.iter().any(|known| after.eq_ignore_ascii_case(known));

@@ -124,7 +124,7 @@ impl Mesh {
         Some(AttributeInfo { stride, planes: 1, count: count.max(1) as u64 })
     }
 
-    /// Returns the words of an attribute of [`MESH_ATTRIBUTES`].
+    /// Returns the words of attribute `name`, which must be one of [`MESH_ATTRIBUTES`].
     fn words(&self, name: &str) -> Cow<'_, [u32]> {
         match name {
             "mesh.position" => bytemuck::cast_slice(&self.positions).into(),

@@ -96,7 +96,7 @@ impl Mesh {
     }
 }
 
-/// Checks that a binary file (`.glb`) is at least as long as its header says.
+/// Checks that a binary file (`.glb`) is at least as long as its header says. Accepts text files.
 fn check_length(bytes: &[u8]) -> Result<(), SceneError> {
     if !bytes.starts_with(MAGIC) {
         return Ok(());
@@ -206,7 +206,7 @@ struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    /// Reads the meshes of all nodes of the default scene, or of the first scene if none is the default.
+    /// Reads the meshes and the light of the nodes of the default scene, or of the first scene if none is the default.
     fn nodes(&mut self) -> Result<(), SceneError> {
         let scene = self.document.default_scene().or_else(|| self.document.scenes().next());
         let scene = scene.ok_or_else(|| wrong("scenes", "expected a scene, found none"))?;

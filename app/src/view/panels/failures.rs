@@ -50,7 +50,7 @@ pub fn layout(ansi: &str, columns: usize, size: f32) -> LayoutJob {
     job
 }
 
-/// Splits text with ANSI colours into lines.
+/// Splits text into lines of coloured characters; drops all escape sequences.
 fn parsed(ansi: &str) -> Vec<Line> {
     let (mut all, mut colour, mut rest) = (Line::new(), PLAIN, ansi);
     while let Some(start) = rest.find('\u{1b}') {

@@ -286,7 +286,7 @@ impl View<'_> {
         clicked
     }
 
-    /// Draws a bar for each run of passes of one phase, with the phase's name.
+    /// Draws a bar for each run of passes of one phase, with the phase's name; grey if the times are unreliable.
     fn draw_phases(&self, ui: &Ui, painter: &Painter) {
         let View { dump, columns, area, palette, .. } = *self;
         let grey = self.times.unreliable;
