@@ -25,7 +25,8 @@ pub struct SceneMemoryError {
 }
 
 impl SceneMemoryError {
-    /// Refuses a scene that needs more than `available` bytes. Accepts every scene if that is unknown.
+    /// Refuses a scene that needs more than `available` bytes. Accepts every scene if that is unknown. `count` and
+    /// `degree` are only for the error.
     ///
     /// # Errors
     /// `needed` exceeds `available`.

@@ -39,7 +39,8 @@ impl Scalar {
         TYPES[self as usize].1
     }
 
-    /// Reads the value at the start of `bytes` as f32; doubles are rounded, integers converted.
+    /// Reads the value at the start of `bytes` as f32; doubles are rounded, integers converted. `BIG` is true for
+    /// big-endian bytes.
     #[inline]
     pub(crate) fn value<const BIG: bool>(self, bytes: &[u8]) -> f32 {
         match self {
@@ -48,7 +49,8 @@ impl Scalar {
         }
     }
 
-    /// Reads the value at the start of `bytes` as f64, which represents every value of every type.
+    /// Reads the value at the start of `bytes` as f64, which represents every value of every type. `BIG` is true for
+    /// big-endian bytes.
     #[inline]
     pub(crate) fn wide<const BIG: bool>(self, bytes: &[u8]) -> f64 {
         match self {

@@ -242,8 +242,8 @@ impl Shell {
         Frame { platform: output.platform_output, commands, drawn, next, picture, lost }
     }
 
-    /// Returns the time of the next frame after one that began at `begun`; `None` to wait for an event. `repaint` is
-    /// the delay that egui requests.
+    /// Returns the time of the next frame after one that began at `begun`; `None` to wait for an event. `drawn` is true
+    /// if that frame drew the window; `repaint` is the delay that egui requests.
     fn next(&self, begun: Instant, drawn: bool, repaint: Duration) -> Option<Instant> {
         if self.changes() != self.seen {
             // Something changed after the panels were drawn.
@@ -290,7 +290,8 @@ impl Shell {
         self.viewer.newest().max(self.canvas.newest())
     }
 
-    /// Takes the results of the window's finished frames; returns true if another can be submitted.
+    /// Takes the results of the window's finished frames; returns true if another can be submitted. Waits up to
+    /// `patience` for that.
     fn collect_window(&mut self, patience: Duration) -> bool {
         renderer::frames::collect(&mut [&mut self.canvas], patience)
     }

@@ -355,7 +355,7 @@ impl Viewport {
     }
 
     /// Submits a frame. If the device refuses it, retries without the inspection and then without the read-back, so
-    /// that neither prevents the frame.
+    /// that neither prevents the frame. The read-back stays if `to_host`, where each picture is read back.
     fn submit(
         &mut self,
         inputs: &mut FrameInputs,

@@ -215,7 +215,8 @@ impl Dataset {
         Ok(dataset)
     }
 
-    /// Returns the test views: the dataset's own, or every eighth in the order of their names, starting with the first.
+    /// Returns the test views: the dataset's own, or every eighth in the order of the photographs' names. The first is
+    /// one of these.
     pub fn test_views(&self) -> Vec<&View> {
         if self.views.iter().any(|view| view.test.is_some()) {
             return self.views.iter().filter(|view| view.test == Some(true)).collect();

@@ -10,13 +10,14 @@ use std::io::{BufReader, Read};
 
 const PIECE: usize = 64 << 10;
 
-/// Reads the length of a list; `None` if it is negative.
+/// Reads the length of a list, in big-endian order if `big`; `None` if it is negative.
 fn length(raw: &[u8], scalar: Scalar, big: bool) -> Option<u64> {
     let value = if big { scalar.wide::<true>(raw) } else { scalar.wide::<false>(raw) };
     (value >= 0.0).then_some(value as u64)
 }
 
-/// Computes the sizes of all elements. Also returns the tables of those without lists, by name.
+/// Computes the sizes of all elements of a file, which is big-endian if `big`. Also returns the tables of those without
+/// lists, by name.
 ///
 /// `used` gets an element and the index of a property, and returns true if the reader uses the property.
 pub(super) fn elements<'a, 'h>(

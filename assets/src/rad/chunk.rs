@@ -141,7 +141,8 @@ impl Chunk {
         within(self.place.filename.as_deref(), field(self.place.offset + 8, name, message))
     }
 
-    /// Reads the description of a chunk, and checks it against the chunk's bytes.
+    /// Reads the description of a chunk, and checks it against the chunk's bytes. `entries` is the number of entries of
+    /// the palette, if known.
     fn read(file: &Source, index: usize, place: Place, entries: Option<u64>) -> Result<Self, SceneError> {
         let (document, end) = ChunkDocument::read(file, place.offset, place.bytes)?;
         let ChunkDocument { base: first, count, properties, .. } = document;

@@ -53,7 +53,8 @@ impl Rows<'_> {
         self.push_wide(splat, splat.position.map(f64::from), norm);
     }
 
-    /// Stores a splat with a position beyond f32 precision. [`Splat::position`] must be `position` rounded to f32.
+    /// Stores a splat like [`Rows::push`], with a position beyond f32 precision. [`Splat::position`] must be `position`
+    /// rounded to f32.
     #[inline]
     pub(crate) fn push_wide(&mut self, splat: &Splat, position: [f64; 3], norm: f64) {
         let floats = sh_floats(self.degree);

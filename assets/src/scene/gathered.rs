@@ -61,6 +61,7 @@ impl Dropped {
     }
 
     /// Counts a splat under the first reason to drop it, in the order of the fields. Returns false if there is none.
+    /// `norm` is the length of the file's quaternion; the first `sh_floats` coefficients are checked.
     #[inline]
     pub(super) fn count(&mut self, splat: &Splat, norm: f64, sh_floats: usize) -> bool {
         let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());

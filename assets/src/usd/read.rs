@@ -243,7 +243,7 @@ fn prim_scene(
 }
 
 /// Converts the numbers of a splat, given by the index of their array and in it. Also returns the length of its
-/// quaternion.
+/// quaternion, whose w comes last if `real_last`, otherwise first.
 fn splat(number: impl Fn(usize, usize) -> f32, real_last: bool, degree: u32) -> (Splat, f64) {
     let mut quaternion: [f64; 4] = std::array::from_fn(|at| number(1, at).into());
     if real_last {

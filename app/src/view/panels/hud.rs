@@ -48,8 +48,8 @@ impl Toasts {
         self.add("", text, false, STAY);
     }
 
-    /// Adds a toast, which replaces the earlier one with the same text or of the same topic. Drops the oldest toast if
-    /// there are more than [`MAX_TOASTS`].
+    /// Adds a toast for the time `stay`; it replaces earlier ones with the same text or, unless empty, the same topic.
+    /// Drops the oldest toast if there are more than [`MAX_TOASTS`].
     fn add(&mut self, topic: &'static str, text: String, failed: bool, stay: Duration) {
         self.count += 1;
         self.shown.retain(|toast| toast.text != text && (topic.is_empty() || toast.topic != topic));

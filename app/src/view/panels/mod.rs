@@ -197,7 +197,8 @@ impl Default for Panels {
 }
 
 impl Panels {
-    /// Adds an event to the log, and shows it as a toast if the user should see it now.
+    /// Adds an event to the log, and shows it as a toast if the user should see it now. Also updates the panels for an
+    /// event that changes the scene, the graph or settings.
     pub fn log_event(&mut self, event: &Event) {
         if self.log.len() == LOG {
             self.log.pop_front();

@@ -348,7 +348,7 @@ impl View<'_> {
         }
     }
 
-    /// Draws an arrow for each hazard of a barrier, from the earlier pass to the pass that waits.
+    /// Draws an arrow at height `y` for each hazard of a barrier, from the earlier pass to the pass that waits.
     fn draw_dependencies(&self, painter: &Painter, id: u32, y: f32) {
         let Some(barrier) = barrier(self.dump, id) else { return };
         let middle = |name: &str| {
