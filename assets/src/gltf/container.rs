@@ -164,7 +164,7 @@ impl<'a> Container<'a> {
     }
 }
 
-/// Opens the buffer that a `uri` refers to, and returns its length, too.
+/// Opens the buffer that a `uri` refers to, and returns its length, too. `path` is that of the document.
 fn outside<'a>(uri: &str, path: Option<&Path>) -> Result<(Bytes<'a>, u64), String> {
     match uri::resolve(uri, path.and_then(Path::parent))? {
         Resource::Data(bytes) => {

@@ -30,7 +30,7 @@ fn single(values: [f64; 3]) -> [f32; 3] {
     values.map(|v| v as f32)
 }
 
-/// Generates a splat of a cloud in front of [`camera`], between depths 2 and 7.
+/// Generates one of the `count` splats of a cloud in front of [`camera`], between depths 2 and 7.
 fn cloud(random: &mut Random, count: u32) -> Splat {
     let [x, y, z] = random.in_ball();
     let position = [3.0 * x, 1.6 * y, 4.5 + 2.5 * z];

@@ -122,9 +122,10 @@ impl Pose {
         self.position + self.distance * self.forward()
     }
 
-    /// Turns the camera in place or about its pivot, and keeps its roll against the horizon. `yaw` is about the world's
-    /// up, positive to the left seen from above; `pitch` is upwards. Both are in radians. For an upside-down camera,
-    /// left and up are relative to its image.
+    /// Turns the camera about its pivot if `about_pivot`, otherwise in place; keeps its roll against the horizon.
+    ///
+    /// `yaw` is about the world's up, positive to the left seen from above; `pitch` is upwards. Both are in radians.
+    /// For an upside-down camera, left and up are relative to its image.
     fn turned(mut self, up: DVec3, yaw: f64, pitch: f64, about_pivot: bool) -> Pose {
         let sense = if self.down().dot(up) > UPSIDE_DOWN { -1.0 } else { 1.0 };
         let (yaw, pitch) = (sense * yaw, sense * pitch);

@@ -165,8 +165,8 @@ impl State {
         });
     }
 
-    /// Reserves an area to the right of the lanes' names, in which the pointer zooms and pans. `plain` is true if the
-    /// wheel zooms without Ctrl.
+    /// Reserves an area to the right of the lanes' names, in which the pointer zooms and pans. `whole` is the width of
+    /// the contents and `width` the visible width, in points. `plain` is true if the wheel zooms without Ctrl.
     fn area(&mut self, ui: &mut Ui, id: &str, height: f32, whole: f32, width: f32, plain: bool) -> Rect {
         let (rect, _) = ui.allocate_exact_size(vec2(ui.available_width(), height), Sense::hover());
         let area = Rect::from_min_max(pos2(rect.left() + NAMES, rect.top()), rect.max);
@@ -477,8 +477,8 @@ fn draw_use(painter: &Painter, palette: &Palette, centre: Pos2, reads: bool, wri
     }
 }
 
-/// Computes the positions of all passes and barriers, and the total width, in points. The frame's passes are equally
-/// wide if `equal`; otherwise, their widths follow their times.
+/// Computes the positions of all passes and barriers, and the total width, in points. At a `zoom` of 1, they fit in
+/// `width` if possible. The frame's passes are equally wide if `equal`; otherwise, their widths follow their times.
 fn columns(dump: &Dump, times: &Times, width: f32, zoom: f32, equal: bool) -> (Vec<Column>, f32) {
     let frame = |pass: &&DumpPass| pass.run == Run::Frame;
     let count = dump.passes.iter().filter(frame).count().max(1) as f32;

@@ -106,7 +106,7 @@ fn columns_heading(ui: &mut Ui, frames: usize) {
     );
 }
 
-/// Draws 99th percentile and median; `None` is drawn as unknown, and a 99th percentile that is NaN is omitted.
+/// Draws 99th percentile and median, in grey if `grey`. `None` is drawn as unknown; a percentile of NaN is omitted.
 fn numbers(ui: &mut Ui, ms: Option<Quantiles>, grey: bool) {
     match ms {
         Some(Quantiles { median, p99 }) => {

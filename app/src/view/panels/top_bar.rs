@@ -31,8 +31,8 @@ const TIME: f32 = 120.0;
 /// Width of the device name and splat count beside the frame time, in points.
 const DEVICE: f32 = 320.0;
 
-/// Draws a button that opens a list below it. The list stays open until a click outside. The title is `start` followed
-/// by `text`, which is truncated at its start: file names usually differ at the end.
+/// Draws a button of a fixed `width` that opens a list below it. The list stays open until a click outside. The title
+/// is `start` followed by `text`, which is truncated at its start: file names usually differ at the end.
 fn drop_down(ui: &mut Ui, start: &str, text: &str, width: f32, contents: impl FnOnce(&mut Ui)) -> Response {
     let room = width - 2.0 * ui.spacing().button_padding.x;
     let font = TextStyle::Button.resolve(ui.style());
