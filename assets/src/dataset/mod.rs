@@ -215,8 +215,8 @@ impl Dataset {
         Ok(dataset)
     }
 
-    /// Returns the test views: the dataset's own, or every eighth in the order of the photographs' names. The first is
-    /// one of these.
+    /// Returns the test views: the dataset's own, or every eighth in the order of the photographs' names. The first
+    /// view is then a test view.
     pub fn test_views(&self) -> Vec<&View> {
         if self.views.iter().any(|view| view.test.is_some()) {
             return self.views.iter().filter(|view| view.test == Some(true)).collect();

@@ -286,7 +286,8 @@ impl<'t> Parser<'t> {
         Ok(layer.prims.len() - 1)
     }
 
-    /// Reads an attribute or a relationship, whose first word is `word`.
+    /// Reads an attribute, whose first word is `word`, into `prim`. Skips relationships, and attributes without a
+    /// [`kind_of`].
     fn property(&mut self, prim: &mut Prim, mut word: &'t str) -> Result<(), SceneError> {
         while MODIFIERS.contains(&word) {
             word = match self.next()? {

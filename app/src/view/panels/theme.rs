@@ -103,7 +103,7 @@ const PHASES: [Color32; 8] = [
     rgb(0x9aa0a6),
 ];
 
-/// Returns the colour of a phase by its index in execution order, as on the dump page.
+/// Returns the colour of a phase by its index in execution order, as on the dump page. Colours repeat.
 pub fn phase(index: usize) -> Color32 {
     PHASES[index % PHASES.len()]
 }
