@@ -345,7 +345,7 @@ impl Scene {
         shown.filter_map(degree).max().unwrap_or(0)
     }
 
-    /// Copies splat `index`.
+    /// Copies splat `index`. Its position is in f32, relative to [`Scene::offset`]; harmonics above the degree are 0.
     pub fn splat(&self, index: usize) -> Splat {
         let c = &self.columns;
         let floats = sh_floats(c.degree);
