@@ -104,7 +104,7 @@ class Camera:
 
 @final
 class Plan:
-    """The plan of a graph: passes in order, their dependencies, and memory."""
+    """The plan of a graph: passes in order, their dependencies, memory and barriers."""
 
     @property
     def name(self) -> str: ...

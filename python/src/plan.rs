@@ -5,12 +5,13 @@ use crate::scene::Scene;
 use crate::wait;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use splatgraph::draw::backend;
 use splatgraph::draw::facts::{self, DEFAULT_SIZE, SceneFacts, USUAL_SUBGROUP_SIZE};
 use splatgraph::draw::planner::Planner;
 use splatgraph_framework::dump;
 use splatgraph_framework::plan as framework;
 
-/// The plan of a graph: passes in order, their dependencies, and memory.
+/// The plan of a graph: passes in order, their dependencies, memory and barriers.
 #[pyclass(frozen, module = "splatgraph")]
 pub struct Plan(pub framework::Plan);
 
@@ -28,19 +29,19 @@ impl Plan {
         self.0.passes.iter().map(|pass| pass.name.clone()).collect()
     }
 
-    /// Returns the plan as JSON, without barriers; docs/dump.md documents the fields.
+    /// Returns the plan as JSON, with Vulkan's barriers; docs/dump.md documents the fields.
     fn to_json(&self) -> String {
-        format!("{:#}", dump::json(&dump::dump(&self.0)))
+        format!("{:#}", dump::json(&backend::dump(&self.0)))
     }
 
     /// Returns a page with a timeline, for any browser.
     fn html(&self) -> String {
-        dump::html(&dump::dump(&self.0))
+        dump::html(&backend::dump(&self.0))
     }
 
     /// Returns the passes and dependencies as a Graphviz graph.
     fn dot(&self) -> String {
-        dump::dot(&dump::dump(&self.0))
+        dump::dot(&backend::dump(&self.0))
     }
 
     fn _repr_html_(&self) -> String {
@@ -58,7 +59,7 @@ impl Plan {
     }
 
     fn __str__(&self) -> String {
-        dump::text(&dump::dump(&self.0))
+        dump::text(&backend::dump(&self.0))
     }
 
     fn __repr__(&self) -> String {

@@ -314,6 +314,7 @@ def test_plans_need_no_device_and_have_json_and_pages(scene):
     dump = json.loads(plan.to_json())
     assert dump["graph"] == plan.name == "splat" and [p["name"] for p in dump["passes"]] == plan.passes
     assert plan.html().startswith("<!doctype html>") and "digraph" in plan.dot() and plan.passes[0] in str(plan)
+    assert any("barriers" in line for line in str(plan).splitlines())
 
 
 def test_threads_share_a_renderer(scene):
