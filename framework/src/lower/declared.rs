@@ -190,15 +190,21 @@ impl Parameters {
         (
             order,
             first.map(|first| {
-                self.circle(first, |index| {
+                let next = |index: usize| {
                     // Each has an unresolved dependency, or it would have been sorted.
                     needed[index].iter().copied().find(|name| needs[*name] > 0).unwrap_or(first)
-                })
+                };
+                self.circle(first, next, settings)
             }),
         )
     }
 
-    fn circle(&self, first: usize, next: impl Fn(usize) -> usize) -> Diagnostic {
+    fn circle(
+        &self,
+        first: usize,
+        next: impl Fn(usize) -> usize,
+        settings: &IndexMap<String, Setting>,
+    ) -> Diagnostic {
         let mut way = vec![first];
         let start = loop {
             let after = next(way[way.len() - 1]);
@@ -207,16 +213,51 @@ impl Parameters {
                 None => way.push(after),
             }
         };
-        let circle = &way[start..];
+        let mut circle = way.split_off(start);
+        // The declarations of a valid graph have no cycle: a value that replaces a default closed it.
+        let closing = (0..circle.len()).find_map(|at| {
+            let next = circle[(at + 1) % circle.len()];
+            Some((at, self.replacement(circle[at], next, settings)?))
+        });
+        circle.rotate_left(closing.as_ref().map_or(0, |(at, _)| *at));
         let quoted = |index: &usize| format!("`{}`", self.all[*index].name);
         let names: Vec<String> = circle.iter().chain(&circle[..1]).map(quoted).collect();
-        let message = match circle {
+        let message = match &circle[..] {
             [one] => format!("the parameter {} needs its own value", quoted(one)),
             _ => format!("these parameters need each other's values: {}", names.join(" needs ")),
         };
         let key = |index: usize| self.all[index].place.key();
-        let error = Diagnostic::new(message, key(circle[0]), "the cycle leads back here");
+        let error = match closing {
+            Some((_, (span, label))) => {
+                Diagnostic::new(message, span, label).with_label(key(circle[0]), "declared here")
+            }
+            None => Diagnostic::new(message, key(circle[0]), "the cycle leads back here"),
+        };
         circle[1..].iter().fold(error, |error, index| error.with_label(key(*index), "needed on the way"))
+    }
+
+    /// Returns the place of a value that a preset or an include gives, and by which the parameter `from` depends on the
+    /// parameter `on`, with a label. `None` if only the declaration of `from` depends on it.
+    fn replacement(
+        &self,
+        from: usize,
+        on: usize,
+        settings: &IndexMap<String, Setting>,
+    ) -> Option<(Span, String)> {
+        let (declared, on) = (&self.all[from], &self.all[on].name);
+        let needs = |setting: &Setting, kind: &ParamKind| {
+            names_in(&setting.number, kind).contains(on).then(|| setting.place.span())
+        };
+        let setting = settings.get(&declared.name);
+        let mut own = setting.into_iter().chain(declared.default.as_ref().map(|(setting, _)| setting));
+        if let Some(span) = own.find_map(|setting| needs(setting, declared.declaration().kind())) {
+            return Some((span, format!("needs `{on}`")));
+        }
+        declared.reach(setting).set.iter().find_map(|(level, name)| {
+            let given = &declared.around[*level].set[name];
+            let label = format!("needs `{on}`, and `{}` needs this value of `{name}`", declared.name);
+            Some((needs(&given.setting, &given.kind)?, label))
+        })
     }
 
     pub fn unknown(&self, name: &str, span: Span, label: &str) -> Diagnostic {
