@@ -9,8 +9,8 @@ use super::lowered::LoweredInclude;
 use super::lowering::{Handle, Level, Lowering, Scope};
 use super::params;
 use super::scope::{Names, check_identifier};
-use crate::ir::{Param, ParamSet, Value};
-use crate::schema::{Graph, Number, ParamDecl, Part, Reference, ResourceName, is_choice};
+use crate::ir::{Param, ParamSet, Span, Value};
+use crate::schema::{Expose, Graph, Number, ParamDecl, Part, Reference, ResourceName, is_choice};
 use crate::source::{Diagnostic, Kind, Place};
 
 /// The includer refers to an included graph's output by the include's name, a dot, and this name.
@@ -53,6 +53,7 @@ impl Lowering<'_> {
         if self.includes.len() > MAX_DEPTH {
             return Err(graph_place.error(
                 format!("includes are nested deeper than {MAX_DEPTH}"),
+    pub expose: &'a Expose,
                 "the limit is exceeded here",
             ));
         }
@@ -98,6 +99,7 @@ impl Lowering<'_> {
         let mut inner = self.level(opened, scope, prefix);
         if self.errors.len() > before {
             return Ok(());
+        self.check_other_graphs(opened, include)?;
         }
         let mut include = LoweredInclude { name: full, span, parent: level.include, given: Vec::new() };
         if let Some(unknown) = with.keys().find(|k| !opened.graph.ports.contains_key(*k)) {
@@ -211,6 +213,39 @@ impl Lowering<'_> {
         opened: &Opened,
         parameters: &declared::Parameters,
         include: &Written,
+    /// Checks that the graphs of an included choice that are not drawn have the parameters in `set` and `expose`, too.
+    /// Other devices draw them.
+    fn check_other_graphs(&mut self, drawn: &Opened, include: &Written) -> Result<(), Diagnostic> {
+        let Written { set, expose, place, .. } = *include;
+        let given = set.keys().map(|name| (name, place.field("set").field(name).key(), "set here"));
+        let mut named: Vec<(&String, Span, &str)> = given.collect();
+        if let Expose::Only(names) = expose {
+            let at = place.field("expose").index(0);
+            named
+                .extend(names.iter().enumerate().map(|(i, name)| (name, at.index(i).span(), "exposed here")));
+        }
+        if named.is_empty() {
+            return Ok(());
+        }
+        for other in drawn.others.iter().filter(|other| other.file != drawn.file) {
+            // Other errors of the graph are reported when it is drawn.
+            let Ok(parameters) = declared::parameters(other, &mut self.choices, self.files, &mut self.known)
+            else {
+                continue;
+            };
+            if let Some((name, span, label)) = named.iter().find(|(name, ..)| !parameters.contains(name)) {
+                let graph = other.candidate.as_deref().unwrap_or_default();
+                let mut error = parameters.unknown(name, *span, label);
+                error.message = format!("`{graph}` has no parameter `{name}`");
+                return Err(error.with_help(format!(
+                    "all graphs of an included choice must have the parameters that `set` and `Only` name, and \
+                     `{graph}` is one of them"
+                )));
+            }
+        }
+        Ok(())
+    }
+
     ) -> Result<(Names, Vec<Param>), Diagnostic> {
         let Written { set, place, .. } = *include;
         if let Some((name, setting)) =

@@ -181,13 +181,13 @@ impl Lowering<'_> {
             }
             PassDecl::Repeat { var, count, body } => self.repeat(level, var, count, body, place),
             PassDecl::Swap(name) => self.swap(level, name, &place.index(0)),
-            PassDecl::Include { graph, name, when, with, set, expose: _ } => {
+            PassDecl::Include { graph, name, when, with, set, expose } => {
                 if !self.wanted(level, when, pass, place)? {
                     level.absent.insert(name.clone(), Some(place.field("when").span()));
                     return Ok(());
                 }
                 let errors = self.errors.len();
-                let result = self.include(level, &Written { graph, name, with, set, place });
+                let result = self.include(level, &Written { graph, name, with, set, expose, place });
                 if result.is_err() || self.errors.len() > errors {
                     level.absent.insert(name.clone(), None);
                 }
