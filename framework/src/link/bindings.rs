@@ -325,17 +325,24 @@ impl Linker<'_> {
                     (MemberKind::Uint, Value::Bool(v)) => Some(u32::from(*v).to_le_bytes()),
                     (MemberKind::Int, Value::Int(v)) => i32::try_from(*v).ok().map(i32::to_le_bytes),
                     (MemberKind::Float, Value::Float(v)) => to_f32(*v).map(f32::to_le_bytes),
-                    (MemberKind::Float, Value::Int(v)) => Some((*v as f32).to_le_bytes()),
+                    (MemberKind::Float, Value::Int(v)) => {
+                        Some(*v as f32).filter(|float| *float as i128 == i128::from(*v)).map(f32::to_le_bytes)
+                    }
                     _ => None,
                 };
                 let at = member.offset as usize;
                 match word {
                     Some(word) if at + 4 <= bytes.len() => bytes[at..at + 4].copy_from_slice(&word),
-                    _ => self.errors.push(Diagnostic::new(
-                        format!("`{}` of `{shader}` is {}", member.name, kind_name(member.kind)),
-                        push.value_span,
-                        format!("the value {} does not fit", push.value),
-                    )),
+                    _ => {
+                        let message =
+                            format!("`{}` of `{shader}` is {}", member.name, kind_name(member.kind));
+                        let (found, help) = unfit(member.kind, &push.value);
+                        let error = Diagnostic::new(message, push.value_span, found);
+                        self.errors.push(match help {
+                            Some(help) => error.with_help(help),
+                            None => error,
+                        });
+                    }
                 }
             }
         }
@@ -357,6 +364,33 @@ impl Linker<'_> {
 pub(super) fn once_every_frame(pass: &LoweredPass, span: Span, label: impl Into<String>) -> Diagnostic {
     let message = format!("`{}` runs once, but reads values that change every frame", pass.pass.name);
     Diagnostic::new(message, span, label).with_help("let it run every frame, or give it constants")
+}
+
+/// Describes why a push constant cannot have a value, and suggests an expression that it can have, if there is one.
+fn unfit(kind: MemberKind, value: &Value) -> (String, Option<&'static str>) {
+    let (expected, help) = match (kind, value) {
+        (MemberKind::Uint, Value::Int(_)) => ("an integer from 0 to 4294967295", None),
+        (MemberKind::Int, Value::Int(_)) => ("an integer from -2147483648 to 2147483647", None),
+        (MemberKind::Float, Value::Int(_)) => {
+            ("an integer that a 32-bit float represents exactly", Some("`float(x)` rounds it"))
+        }
+        (MemberKind::Float, Value::Float(_)) => ("a number in the range of 32-bit floats", None),
+        (MemberKind::Float, _) => ("a number", None),
+        (MemberKind::Uint, _) => ("an integer or a truth value", None),
+        (MemberKind::Int, _) => ("an integer", None),
+        (MemberKind::Other, _) => return ("given here".into(), None),
+    };
+    let help = help.or(match (kind, value) {
+        (MemberKind::Uint | MemberKind::Int, Value::Float(_)) => Some("`int(x)` truncates the fraction"),
+        (MemberKind::Int | MemberKind::Float, Value::Bool(_)) => Some("`int(x)` is 0 or 1"),
+        _ => None,
+    });
+    let found = match value {
+        Value::Bool(_) | Value::Int(_) => value.to_string(),
+        Value::Float(v) => format!("{v:?}"),
+        Value::Text(text) => format!("the string '{text}'"),
+    };
+    (format!("expected {expected}, found {found}"), help)
 }
 
 fn kind_name(kind: MemberKind) -> &'static str {
