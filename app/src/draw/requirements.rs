@@ -120,25 +120,52 @@ impl Build {
     ) -> Result<Option<Plan>, GraphErrors> {
         let Some(case) = &self.case else { return Ok(None) };
         let set = if self.name.is_none() { set } else { &[] };
-        planner.plan_candidate(graph, Some(self.index), set, &case.facts(), &case.catalog(catalog)).map(Some)
+        let plan =
+            planner.plan_candidate(graph, Some(self.index), set, &case.facts(), &case.catalog(catalog));
+        plan.map(Some).map_err(|errors| self.named(errors, "which is not drawn here, has this error"))
+    }
+
+    /// Adds the graph's name and `what` to its errors, if it is one of several graphs of a choice.
+    fn named(&self, errors: GraphErrors, what: &str) -> GraphErrors {
+        match &self.name {
+            Some(name) => errors.with_note(&format!("the choice's graph `{name}`, {what}")),
+            None => errors,
+        }
     }
 }
 
-/// Returns the unmet requirements of a graph for which no case was found, as errors at their places; `None` if the plan
-/// can be built.
-pub fn refusal(
-    planner: &mut Planner,
-    (graph, build): (&str, &Build),
-    given: &Case,
-    catalog: &Catalog,
-) -> Option<GraphErrors> {
-    planner.plan_candidate(graph, Some(build.index), &[], &given.facts(), catalog).err()
-}
+/// Collects the unmet requirements of the graphs for which no case was found.
+#[derive(Debug, Default)]
+pub struct Unchecked(Vec<GraphErrors>);
 
-/// Returns errors as warnings, as plain data.
-pub fn as_warnings(errors: GraphErrors) -> Vec<PlainDiagnostic> {
-    let warning = |error| PlainDiagnostic { severity: Severity::Warning, ..error };
-    errors.found.into_iter().map(warning).collect()
+impl Unchecked {
+    /// Adds the unmet requirements of a graph, unless its plan can be built for `given`.
+    pub fn add(
+        &mut self,
+        planner: &mut Planner,
+        (graph, build): (&str, &Build),
+        given: &Case,
+        catalog: &Catalog,
+    ) {
+        let built = planner.plan_candidate(graph, Some(build.index), &[], &given.facts(), catalog);
+        self.0.extend(
+            built.err().map(|errors| build.named(errors, "which was not checked, has this requirement")),
+        );
+    }
+
+    /// Returns the unmet requirements at their places: as warnings if another graph was checked, or else as errors.
+    ///
+    /// # Errors
+    /// No graph was checked.
+    pub fn diagnostics(self, checked: usize) -> Result<Vec<PlainDiagnostic>, GraphErrors> {
+        match GraphErrors::joined(self.0) {
+            Some(errors) if checked == 0 => Err(errors),
+            errors => {
+                let warning = |error| PlainDiagnostic { severity: Severity::Warning, ..error };
+                Ok(errors.into_iter().flat_map(|errors| errors.found).map(warning).collect())
+            }
+        }
+    }
 }
 
 /// Changes facts until a case has no unmet requirements. `None` if no such facts are found.

@@ -6,7 +6,7 @@ use super::index::{Index, Place};
 use super::{hints, names, rename, text};
 use crate::draw::backend;
 use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, Severity};
-use crate::draw::requirements::{self, Case, as_warnings};
+use crate::draw::requirements::{self, Case, Unchecked};
 use lsp_types::{Diagnostic, DiagnosticSeverity, InlayHint, Location, Range, TextEdit, Uri};
 use splatgraph_assets::grouped;
 use splatgraph_framework::dump::Dump;
@@ -227,20 +227,20 @@ impl Workspace {
 
     fn warnings(&mut self, path: &Path, graph: &str) -> Result<Vec<PlainDiagnostic>, GraphErrors> {
         let (catalog, cases) = (files::nominal_catalog(), LANES.map(nominal_case));
-        let mut warnings = Vec::new();
+        let (mut warnings, mut checked, mut unchecked) = (Vec::new(), 0, Unchecked::default());
         for build in requirements::builds(&mut self.planner, graph, &cases, &catalog)? {
             if let Some(case) = build.case.as_ref().filter(|_| build.name.is_none()) {
                 self.declare(path, graph, case, &build.changed)?;
             }
             match build.plan(&mut self.planner, graph, &[], &catalog)? {
-                Some(plan) => warnings.extend(self.learn(path, &plan)),
-                None => {
-                    let found =
-                        requirements::refusal(&mut self.planner, (graph, &build), &cases[0], &catalog);
-                    warnings.extend(found.into_iter().flat_map(as_warnings));
+                Some(plan) => {
+                    checked += 1;
+                    warnings.extend(self.learn(path, &plan));
                 }
+                None => unchecked.add(&mut self.planner, (graph, &build), &cases[0], &catalog),
             }
         }
+        warnings.extend(unchecked.diagnostics(checked)?);
         Ok(warnings)
     }
 

@@ -27,6 +27,26 @@ impl GraphErrors {
         }
     }
 
+    /// Joins several lists of errors.
+    pub fn joined(all: impl IntoIterator<Item = GraphErrors>) -> Option<GraphErrors> {
+        all.into_iter().reduce(|mut all, more| {
+            all.found.extend(more.found);
+            for (text, more) in [(&mut all.plain, more.plain), (&mut all.coloured, more.coloured)] {
+                *text = format!("{}\n\n{more}", text.trim_end());
+            }
+            all
+        })
+    }
+
+    /// Adds a note to each error, and to the end of the rendered errors.
+    pub fn with_note(mut self, note: &str) -> GraphErrors {
+        self.found.iter_mut().for_each(|error| error.help.push(note.to_owned()));
+        for text in [&mut self.plain, &mut self.coloured] {
+            *text = format!("{}\n{note}\n", text.trim_end());
+        }
+        self
+    }
+
     /// Appends a note to the rendered errors, if one of them is about the device or its limits.
     pub fn with_device(mut self, note: &str) -> GraphErrors {
         let is_about = |text: &String| {

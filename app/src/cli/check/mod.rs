@@ -6,7 +6,7 @@ use super::outcome::colour;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::{self, Fit, Target, Wanted};
 use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, without_effect};
-use crate::draw::requirements::{self, Case, as_warnings};
+use crate::draw::requirements::{self, Case, Unchecked};
 use crate::io::output::{say, say_styled};
 use crate::lsp;
 use anyhow::Result;
@@ -197,7 +197,7 @@ type CheckResult = Result<Verdict, GraphErrors>;
 enum Warning {
     /// Warnings about a plan, as rendered text with source lines and as plain data.
     Plan { text: String, plain: Vec<PlainDiagnostic> },
-    /// Unmet requirements of an unchecked graph of a choice. The summary names the graph, too.
+    /// Unmet requirements of the unchecked graphs of a choice; may be empty. The summary names the graphs, too.
     Unchecked(Vec<PlainDiagnostic>),
     /// A setting without an effect, after the subgroup widths to which this applies.
     Setting(String),
@@ -256,7 +256,7 @@ fn check(
     }
     let verdict = if drawn.is_empty() { "not for the least capable supported device" } else { "OK" };
     checked.lines.0.append(&mut unsuited.0);
-    let mut unchecked = Vec::new();
+    let mut unchecked = Unchecked::default();
     for undrawn in requirements::undrawn(planner, graph, &cases, &catalog, &drawn)? {
         let who = undrawn.name.as_ref().map_or("the graph".to_owned(), |name| format!("`{name}`"));
         let lanes = undrawn.case.as_ref().map_or(String::new(), |case| case.device.subgroup_size.to_string());
@@ -267,7 +267,7 @@ fn check(
                 Err(violations) => return Ok(Verdict::Wrong(violations)),
             },
             None => {
-                unchecked.extend(requirements::refusal(planner, (graph, &undrawn), &cases[0], &catalog));
+                unchecked.add(planner, (graph, &undrawn), &cases[0], &catalog);
                 let needs = listed(&undrawn.unmet);
                 format!("{who} was not checked: no facts were found with which it has {needs}")
             }
@@ -279,13 +279,13 @@ fn check(
     }
     let line = |(line, lanes): (String, Vec<String>)| format!("\n  {}{line}", lanes_of(&lanes, is_named));
     let summary = verdict.to_owned() + &checked.lines.0.into_iter().map(line).collect::<String>();
-    if checked.verified.is_empty() && !unchecked.is_empty() {
-        return Ok(Verdict::Unchecked(summary, unchecked.swap_remove(0)));
+    match unchecked.diagnostics(checked.verified.len()) {
+        Ok(warnings) => {
+            warn(Warning::Unchecked(warnings));
+            Ok(Verdict::Right(summary))
+        }
+        Err(errors) => Ok(Verdict::Unchecked(summary, errors)),
     }
-    for errors in unchecked {
-        warn(Warning::Unchecked(as_warnings(errors)));
-    }
-    Ok(Verdict::Right(summary))
 }
 
 /// Formats the subgroup widths of a line: `16, 32 lanes: `. Empty for a named device.

@@ -165,6 +165,8 @@ fn errors_of_every_graph_of_a_choice_are_found_and_a_fallback_is_fine() {
     for name in ["after.ron", "before.ron", "last.ron", "small.ron"] {
         let errors = result(&folder, name).expect_err(name);
         assert!(errors.to_string().contains("`unknown`"), "{name}: {errors}");
+        let note = "the choice's graph `bad.ron`, which is not drawn here, has this error";
+        assert_eq!(errors.found[0].help.iter().any(|help| help == note), name != "last.ron", "{name}: {errors}");
     }
     let text = right(result(&folder, "fine.ron"));
     let lines: Vec<&str> = text.lines().collect();
@@ -187,6 +189,10 @@ fn a_graph_of_a_choice_that_cannot_be_checked_is_a_warning() {
             "choice.ron",
             r#"Choice(summary: "", of: [(graph: "bad.ron", require: [("1 > 2", "a wonder")]), (graph: "good.ron")])"#,
         ),
+        (
+            "none.ron",
+            r#"Choice(summary: "", of: [(graph: "bad.ron", require: [("1 > 2", "one")]), (graph: "good.ron", require: [("2 > 3", "two")])])"#,
+        ),
     ]);
     let path = folder.path().join("choice.ron").display().to_string();
     let mut found = Vec::new();
@@ -200,6 +206,17 @@ fn a_graph_of_a_choice_that_cannot_be_checked_is_a_warning() {
     assert!(text.contains(last), "{text}");
     let found: Vec<&str> = found.iter().map(|warning| warning.message.as_str()).collect();
     assert_eq!(found, ["this graph needs a wonder"]);
+    let none = result(&folder, "none.ron");
+    let Ok(Verdict::Unchecked(_, errors)) = &none else { panic!("expected no verdict, found {none:?}") };
+    let found: Vec<_> = errors.found.iter().map(|error| (error.message.as_str(), &error.help[1])).collect();
+    let note =
+        |name: &str| format!("the choice's graph `{name}`, which was not checked, has this requirement");
+    assert_eq!(
+        found,
+        [("this graph needs one", &note("bad.ron")), ("this graph needs two", &note("good.ron"))]
+    );
+    let text = errors.to_string();
+    assert!(text.contains("this graph needs one") && text.contains("this graph needs two"), "{text}");
 }
 
 #[test]

@@ -210,7 +210,28 @@ fn a_mistake_in_a_graph_of_a_choice_that_is_not_drawn_is_shown_in_that_graph() {
     let mut found = BTreeMap::from([editor.published(), editor.published()]);
     assert_eq!(found.remove(&editor.uri("choice.ron")), Some(vec![]));
     let broken = found.into_values().next().expect("another file");
-    assert_eq!(broken[0]["message"], "this expression has no value: division by zero");
+    assert_eq!(
+        broken[0]["message"],
+        "this expression has no value: division by zero\nhelp: the choice's graph `broken.ron`, which is not drawn here, has this error"
+    );
+    editor.end();
+}
+
+#[test]
+fn the_requirements_of_a_choice_are_errors_if_no_device_meets_any() {
+    let editor = Editor::start();
+    let entry = |condition: &str| {
+        format!(r#"(graph: "graph.ron", require: [("device.max_groups_x < {condition}", "wonders")])"#)
+    };
+    let choice = |other: &str| format!(r#"Choice(summary: "", of: [{}, {other}])"#, entry("0"));
+    let severities = |(uri, found): (String, Vec<Value>)| {
+        assert_eq!(uri, editor.uri("choice.ron"));
+        found.iter().map(|found| found["severity"].as_u64().expect("a number")).collect::<Vec<_>>()
+    };
+    editor.open("choice.ron", &choice(r#"(graph: "graph.ron")"#));
+    assert_eq!(severities(editor.published()), [2]);
+    editor.change("choice.ron", &choice(&entry("-1")));
+    assert_eq!(severities(editor.published()), [1, 1]);
     editor.end();
 }
 
