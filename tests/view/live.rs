@@ -136,6 +136,63 @@ fn the_digit_width_changes_while_it_runs_and_the_picture_does_not_flicker() {
 }
 
 #[test]
+fn a_simulation_continues_after_an_edit_that_leaves_the_plan_as_it_is_and_starts_anew_after_another() {
+    let mut viewer = drawing("unsorted", &[]);
+    let shader = |name: &str, images: &str, code: &str| {
+        let text = format!(
+            "#version 460\nlayout(local_size_x = 8, local_size_y = 8) in;\n\
+             layout(set = 0, binding = 0, std430) buffer Count {{ float count; }};\n{images}void main() {{ {code} }}\n"
+        );
+        (format!("shaders/{name}.comp"), text)
+    };
+    let image = "layout(set = 0, binding = 1, rgba32f) writeonly uniform image2D picture;\n";
+    let graph = "Graph(version: 1, summary: \"Counts frames\", output: \"picture\",
+  resources: {
+    \"count\": Buffer(stride: 4, count: 1),
+    \"picture\": Image(format: \"rgba32f\", size: (\"viewport.width\", \"viewport.height\")),
+  },
+  passes: [
+    Dispatch(name: \"start\", run: Once, shader: \"start.comp\", size: Groups(1), bind: { \"Count\": \"count\" }),
+    Dispatch(name: \"step\", shader: \"step.comp\", size: Groups(1), bind: { \"Count\": \"count\" }),
+    Dispatch(name: \"show\", shader: \"show.comp\", size: Threads(\"viewport.width\", \"viewport.height\"),
+      bind: { \"Count\": \"count\", \"picture\": \"picture\" }),
+  ],
+)";
+    let is_first = "if (gl_LocalInvocationIndex == 0) ";
+    let show = "imageStore(picture, ivec2(gl_GlobalInvocationID.xy), vec4(count / 1024.0));";
+    for (name, text) in [
+        shader("start", "", &format!("{is_first}count = 0.0;")),
+        shader("step", "", &format!("{is_first}count += 1.0;")),
+        shader("show", image, show),
+        ("pipelines/count.ron".to_owned(), graph.to_owned()),
+    ] {
+        viewer.place.write(&name, text);
+    }
+    let path = viewer.place.named("pipelines/count.ron");
+    viewer.shell.viewer.a.renderer.choose(&path, Default::default());
+    next_plan(&mut viewer);
+    let count = |viewer: &mut TestShell| (viewer.picture(RendererId::A).rgb[0][0] * 1024.0).round() as u32;
+    for _ in 0..60 {
+        viewer.frame();
+    }
+    let is_same = |event: Event| matches!(event, Event::Swapped { swap, .. } if swap.same_plan);
+    for (file, from, to, same) in [
+        ("pipelines/count.ron", "Counts", "Now counts", true),
+        ("shaders/show.comp", "void", "// A comment.\nvoid", true),
+        ("pipelines/count.ron", "size: Groups(1)", "size: Groups(2)", false),
+    ] {
+        let before = count(&mut viewer);
+        assert!(before > 50, "{file}: {before} frames");
+        let text = viewer.place.text(file).replacen(from, to, 1);
+        viewer.place.write(file, text);
+        assert_eq!(is_same(next_plan(&mut viewer)), same, "{file}");
+        let after = count(&mut viewer);
+        assert_eq!(after > before, same, "{file}: {before} frames, then {after}");
+    }
+    viewer.close();
+}
+
+#[test]
 fn a_live_parameter_changes_the_next_picture_without_a_new_plan() {
     let mut viewer = drawing("splat", &[]);
     let before = viewer.picture(RendererId::A);

@@ -10,6 +10,7 @@ pub mod capacity;
 pub mod capture;
 pub mod facts;
 pub mod film;
+pub mod fingerprint;
 pub mod fit;
 pub mod inspect;
 pub mod interleaved;

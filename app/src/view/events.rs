@@ -111,6 +111,11 @@ impl Causes {
         self.0.iter().all(|cause| matches!(cause, Cause::Room(_) | Cause::Retry))
     }
 
+    /// Returns true if all causes are changes of files and parameters.
+    pub(super) fn are_edits(&self) -> bool {
+        self.0.iter().all(|cause| matches!(cause, Cause::File(_) | Cause::Parameter(_)))
+    }
+
     /// Returns true if a file changed.
     pub fn has_file(&self) -> bool {
         self.0.iter().any(|cause| matches!(cause, Cause::File(_)))
@@ -151,6 +156,9 @@ pub struct Swap {
     pub causes: Causes,
     /// Number of passes in the new plan's frame.
     pub passes: usize,
+    /// True if the files or parameters changed, but not the commands. The device keeps its buffers and images, so that a
+    /// simulation continues.
+    pub same_plan: bool,
     /// Milliseconds to read the graph, compile its shaders, and solve the plan.
     pub plan_ms: f64,
     /// Milliseconds to prepare the device: memory, pipelines, uploads.
@@ -329,7 +337,10 @@ impl fmt::Display for Event {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
             Event::Swapped { renderer, swap } => {
-                let Swap { graph, causes, passes, plan_ms, prepare_ms, latency_ms } = swap;
+                let Swap { graph, causes, passes, same_plan, plan_ms, prepare_ms, latency_ms } = swap;
+                if *same_plan {
+                    return write!(f, "{renderer}: {graph} after {causes}: the same plan");
+                }
                 write!(
                     f,
                     "{renderer}: {graph} after {causes}: {latency_ms:.0} ms to its first frame ({passes} passes; plan \

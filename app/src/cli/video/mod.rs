@@ -12,6 +12,7 @@ use super::scenes::ScenesArgs;
 use super::stdout::Stdout;
 use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
 use crate::draw::film::{self, DrawOptions, Drawn, Film, Motion};
+use crate::draw::fingerprint::fingerprint;
 use crate::draw::orbit::{self, Orbit};
 use crate::draw::outputs::{NAMES, RGBA};
 use crate::draw::projection;
@@ -22,7 +23,6 @@ use crate::io::output::{self, OutputGuard, is_standard_output, names, say, shell
 use crate::io::program;
 use crate::io::progress::Progress;
 use crate::io::report::text;
-use crate::studies::measurement::plans;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use sequence::Sequence;
@@ -423,7 +423,7 @@ impl Job<'_> {
             "size": [width, height],
             "scene": text::hex(session.scene().identity()),
             "graph": self.args.drawing.pipeline,
-            "plan": text::hex(plans::fingerprint(plan)),
+            "plan": text::hex(fingerprint(plan)),
             "background": self.args.background,
             "samples": self.film.samples,
             "cameras": format!("{:08x}", crc32fast::hash(&serde_json::to_vec(cameras)?)),

@@ -1,44 +1,17 @@
 //! Distinguishes settings by their plans. Equal plans draw equal pictures, and their times differ only by noise.
 
 use super::settings::with_effect;
+use crate::draw::fingerprint::fingerprint;
 use crate::draw::session::{Session, SessionError};
 use crate::studies::study::{Listener, Setting, Steps, StudyError};
 use splatgraph_api::{Compiled, Device, Loader};
 use splatgraph_assets::Camera;
-use splatgraph_framework::ir::Origin;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Cancel;
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
-
-/// Hashes what determines a plan's commands: shaders, passes and resources with their names, memory, order, and live
-/// values.
-///
-/// The graph's name, source locations, and parameters without an effect are left out.
-pub fn fingerprint(plan: &Plan) -> u64 {
-    let nowhere = || Origin { file: String::new(), line: 0, column: 0 };
-    let mut hash = DefaultHasher::new();
-    for shader in &plan.shaders {
-        shader.spirv.hash(&mut hash);
-    }
-    for pass in &plan.passes {
-        let mut pass = pass.clone();
-        pass.origin = nowhere();
-        format!("{pass:?}").hash(&mut hash);
-    }
-    for resource in &plan.resources {
-        let mut resource = resource.clone();
-        resource.origin = nowhere();
-        format!("{resource:?}").hash(&mut hash);
-    }
-    let order = (&plan.blocks, &plan.prologue, &plan.frame, plan.output, &plan.stats);
-    format!("{order:?}").hash(&mut hash);
-    plan.live_bytes_of(plan.params.iter().filter(|param| plan.no_effect(&param.name).is_none()))
-        .hash(&mut hash);
-    hash.finish()
-}
 
 /// Returns true if a plan reads contents of the previous frame.
 pub fn uses_last_frame(plan: &Plan) -> bool {

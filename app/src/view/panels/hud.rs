@@ -73,6 +73,7 @@ impl Toasts {
                     .collect();
                 if !files.is_empty() && *renderer != RendererId::Window {
                     let passes = match swap.passes {
+                        _ if swap.same_plan => "the same plan".to_owned(),
                         1 => "1 pass".to_owned(),
                         n => format!("{n} passes"),
                     };
@@ -339,6 +340,7 @@ mod tests {
                 graph: "mine.ron".into(),
                 causes: Cause::File("mine.ron".into()).into(),
                 passes: round,
+                same_plan: false,
                 plan_ms: 1.0,
                 prepare_ms: 1.0,
                 latency_ms: 2.0,

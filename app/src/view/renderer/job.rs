@@ -5,6 +5,7 @@ use super::state::PlanInputs;
 use crate::draw::backend::{Loader, Ready};
 use crate::draw::capacity::Capacities;
 use crate::draw::facts::{self, SceneFacts};
+use crate::draw::fingerprint::commands;
 use crate::draw::planner::Planner;
 use crate::draw::session::Upload;
 use crate::view::events::Causes;
@@ -28,13 +29,16 @@ pub(super) struct Job {
     pub device: DeviceFacts,
     pub loader: Loader,
     pub causes: Causes,
+    /// The current plan, if a new plan with the same commands need not replace it on the device.
+    pub drawn: Option<Arc<Plan>>,
     pub asked: Instant,
     pub progress: Arc<Mutex<String>>,
 }
 
 pub(super) struct Built {
-    /// The new plan, or the failure; `Err(None)` if a newer request cancelled the build.
-    pub outcome: Result<(Plan, Vec<Control>, Ready), Option<Failure>>,
+    /// The new plan, or the failure; `Err(None)` if a newer request cancelled the build. `Ready` is `None` if the plan
+    /// has the same commands as [`Job::drawn`].
+    pub outcome: Result<(Plan, Vec<Control>, Option<Ready>), Option<Failure>>,
     pub wanted: Vec<Wanted>,
     pub capacities: Capacities,
     pub inputs: PlanInputs,
@@ -52,7 +56,8 @@ pub(super) fn builder(cancel: Cancel) -> impl FnMut(Job) -> Built {
 }
 
 fn build(planner: &mut Planner, cancel: &Cancel, job: Job) -> Built {
-    let Job { graph, mut set, capacities, strict, inputs, device, loader, causes, asked, progress } = job;
+    let Job { graph, mut set, capacities, strict, inputs, device, loader, causes, drawn, asked, progress } =
+        job;
     let milliseconds = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
     zone!("build a plan");
     let begun = Instant::now();
@@ -73,13 +78,16 @@ fn build(planner: &mut Planner, cancel: &Cancel, job: Job) -> Built {
     let wanted = planner.wanted();
     let begun = Instant::now();
     let outcome = plan.map_err(Failure::Graph).and_then(|(plan, controls)| {
+        if drawn.is_some_and(|drawn| commands(&drawn) == commands(&plan)) {
+            return Ok((plan, controls, None));
+        }
         let loader = loader.cancelled_by(cancel.clone());
         // A plan for inspections runs its whole prologue, so that each pass's output can be read.
         let loader = if inputs.share_memory { loader.sharing_results() } else { loader };
         let ready = loader
             .prepare(plan.clone(), &Upload(scene), &mut |step| set_progress(&progress, describe(&step)));
         set_progress(&progress, String::new());
-        Ok((plan, controls, ready.map_err(Failure::Backend)?))
+        Ok((plan, controls, Some(ready.map_err(Failure::Backend)?)))
     });
     // After cancellation, any error is irrelevant.
     let outcome = outcome.map_err(|failure| (!cancel.is_requested()).then_some(failure));

@@ -120,6 +120,9 @@ pub struct Renderer {
     size: (u32, u32),
     scene: Option<u64>,
     pending_swap: Option<PendingSwap>,
+    /// True if the next plan replaces the current one even if it has the same commands: since the current plan, a build
+    /// failed that had other causes than edits, such as another scene.
+    must_swap: bool,
     in_flight: VecDeque<FrameInFlight>,
     stalled: Option<Running>,
     forgot: bool,
@@ -175,6 +178,7 @@ impl Renderer {
             size: (0, 0),
             scene: None,
             pending_swap: None,
+            must_swap: false,
             in_flight: VecDeque::new(),
             stalled: None,
             forgot: false,
@@ -428,6 +432,7 @@ impl Renderer {
                 inputs: inputs.clone(),
                 device: device.info().facts,
                 loader: device.loader(),
+                drawn: self.state.good().filter(|_| causes.are_edits() && !self.must_swap).cloned(),
                 causes,
                 asked,
                 progress: self.progress.clone(),
@@ -457,7 +462,10 @@ impl Renderer {
             self.changes += 1;
             match output {
                 Ok(built) => self.take(built),
-                Err(panicked) => self.fail(Failure::Panicked(panicked.message)),
+                Err(panicked) => {
+                    self.must_swap = true;
+                    self.fail(Failure::Panicked(panicked.message));
+                }
             }
         }
     }
@@ -498,19 +506,30 @@ impl Renderer {
                 }
                 return;
             }
-            Err(Some(failure)) => return self.refuse(&built.causes, failure),
+            Err(Some(failure)) => {
+                self.must_swap |= !built.causes.are_edits();
+                return self.refuse(&built.causes, failure);
+            }
         };
+        let is_first = self.is_first_next();
         let Some(device) = &mut self.device.device else { return };
-        if let Err(error) = device.swap(ready) {
-            return self.refuse(&built.causes, Failure::Backend(error));
+        // Until the first frame of a plan, a plan with the same commands is as new.
+        let same_plan = ready.is_none() && !is_first;
+        if let Some(ready) = ready {
+            if let Err(error) = device.swap(ready) {
+                self.must_swap = true;
+                return self.refuse(&built.causes, Failure::Backend(error));
+            }
+            self.whole = None;
+            // A new plan may draw even though the previous one failed.
+            self.device.recover();
         }
         self.drawn_with = built.capacities;
         self.attempts = 0;
-        self.whole = None;
+        self.redraw |= same_plan;
+        self.must_swap = false;
         let new = [Cause::Start, Cause::Scene, Cause::Graph, Cause::Device];
         self.subject += u64::from(new.iter().any(|cause| built.causes.contains(cause)));
-        // A new plan may draw even though the previous one failed.
-        self.device.recover();
         self.strict = false;
         self.size = built.inputs.size;
         self.scene = built.inputs.scene.map(|scene| scene.identity());
@@ -519,6 +538,7 @@ impl Renderer {
             graph: plan.name.clone(),
             causes: built.causes,
             passes: plan.frame.len(),
+            same_plan,
             plan_ms: built.plan_ms,
             prepare_ms: built.prepare_ms,
             latency_ms: 0.0,
@@ -579,7 +599,7 @@ impl Renderer {
 
     /// Returns true if the next frame is the first of its plan, which runs the prologue.
     pub fn is_first_next(&self) -> bool {
-        self.pending_swap.is_some()
+        self.pending_swap.as_ref().is_some_and(|pending| !pending.swap.same_plan)
     }
 
     /// Takes the frames finished since the last call, in the order of submission.
