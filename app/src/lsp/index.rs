@@ -512,6 +512,39 @@ impl Index {
         self.declarations.iter().any(|declared| self.place_of(declared) == *place)
     }
 
+    /// Describes what `new` already means in one of these files, if the name at a byte offset shares expressions with
+    /// it: a value, a resource, or the text of a choice or in an expression. `None` if it has no such meaning.
+    pub fn other_meaning(
+        &self,
+        path: &str,
+        offset: usize,
+        files: &BTreeSet<String>,
+        new: &str,
+    ) -> Option<String> {
+        // Passes, includes and statistics have names of their own.
+        let is_shared = |kind| matches!(kind, Kind::Parameter | Kind::Let | Kind::Resource | Kind::Variable);
+        let (_, found) = self.at(path, offset)?;
+        let declared = &self.declarations[*found.declarations.first()?];
+        if !is_shared(declared.kind) {
+            return None;
+        }
+        let is_here = |file: &FileId| files.contains(&self.paths[file].0);
+        let other = |other: &&Declaration| other.name == new && is_shared(other.kind) && is_here(&other.file);
+        if let Some(other) = self.declarations.iter().find(other) {
+            return Some(format!("{} already declares `{new}`", self.paths[&other.file].0));
+        }
+        let has_text = |(file, graph): &(&FileId, &Graph)| {
+            let text = &self.paths[file].1;
+            graph.scan.texts.iter().any(|place| {
+                let inside = &text[place.inside.clone()];
+                let is_option = graph.scan.groups[place.group].lead == "of" && inside == new;
+                is_option || inside.split('\'').skip(1).step_by(2).any(|literal| literal == new)
+            })
+        };
+        let (file, _) = self.graphs.iter().filter(|(file, _)| is_here(file)).find(has_text)?;
+        Some(format!("`{new}` is already a text in {}", self.paths[file].0))
+    }
+
     /// Lists the paths of the graphs that a change of these files can affect.
     pub fn users(&self, changed: &BTreeSet<String>) -> Vec<String> {
         let mut users: BTreeSet<FileId> = BTreeSet::new();

@@ -3,9 +3,11 @@
 use super::files::{self, LANES, nominal_case};
 use super::index::{Form, Index, Place, capital};
 use super::names::continues_name;
+use crate::draw::fingerprint::code;
 use crate::draw::planner::{GraphErrors, Planner};
 use crate::draw::requirements;
-use splatgraph_framework::plan::Plan;
+use splatgraph_framework::ir::Pass;
+use splatgraph_framework::plan::{Plan, Resource};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
@@ -72,7 +74,7 @@ pub fn rename(
             }
             (Ok(before), Ok(after)) => {
                 if let Some(changed) =
-                    before.iter().zip(&after).find_map(|(before, after)| before.change(after))
+                    before.iter().zip(&after).find_map(|(before, after)| before.change(after, (old, &new)))
                 {
                     return Err(format!("renaming `{old}` to `{new}` would change {user}: {changed}"));
                 }
@@ -81,72 +83,106 @@ pub fn rename(
             (Err(_), _) => {}
         }
     }
+    // The graphs were compared at the default settings. At others, an expression may choose the other meaning.
+    if let Some(other) = index.other_meaning(path, offset, &changed, &new) {
+        return Err(format!("renaming `{old}` to `{new}` could change a graph: {other}"));
+    }
     Ok(edits)
 }
 
-/// The parts of a plan that a rename must not change. The only names among them are those of shader files.
-struct NamelessPlan {
-    passes: usize,
-    dependencies: usize,
-    bytes: u64,
+/// The parts of a plan that a rename must not change.
+struct Built {
+    /// Name of the output.
+    output: String,
+    /// Names of the resources, each with its properties.
+    resources: Vec<(String, String)>,
+    /// Names of the passes, each with its command. Commands refer to resources and shaders by index.
+    passes: Vec<(String, String)>,
+    /// Order of the passes, the requested outputs and the statistics, by index.
+    order: String,
     values: Vec<String>,
     /// Each shader's file and its code without names.
     shaders: Vec<(String, Vec<u32>)>,
 }
 
-impl NamelessPlan {
-    fn of(plan: &Plan) -> NamelessPlan {
-        NamelessPlan {
-            passes: plan.passes.len(),
-            dependencies: plan.dependencies.len(),
-            bytes: plan.resources.iter().map(|resource| resource.bytes()).sum(),
+impl Built {
+    fn of(plan: &Plan) -> Built {
+        let resource = |resource: &Resource| {
+            let Resource { name, shape, usage, source, block, history, origin: _ } = resource;
+            (name.clone(), format!("{:?}", (shape, usage, source, block, history.is_some())))
+        };
+        let pass = |pass: &Pass| {
+            // A pass without a phase has its name as its phase.
+            let Pass { name, phase: _, run, work, bindings, push, uses, origin: _ } = pass;
+            (name.clone(), format!("{:?}", (run, work, bindings, push, uses)))
+        };
+        let stats: Vec<_> = plan.stats.iter().map(|stat| (stat.buffer, stat.offset)).collect();
+        Built {
+            output: plan.resource(plan.output).name.clone(),
+            resources: plan.resources.iter().map(resource).collect(),
+            passes: plan.passes.iter().map(pass).collect(),
+            order: format!("{:?}", (&plan.prologue, &plan.frame, &plan.outputs, stats)),
             values: plan.params.iter().map(|param| param.value.to_string()).collect(),
-            shaders: plan.shaders.iter().map(|s| (s.name.clone(), nameless(&s.spirv))).collect(),
+            shaders: plan.shaders.iter().map(|s| (s.name.clone(), code(&s.spirv))).collect(),
         }
     }
 
-    /// Describes the first difference; `None` if the plans are equivalent.
-    fn change(&self, after: &NamelessPlan) -> Option<String> {
-        let shader = self.shaders.iter().zip(&after.shaders).find(|(before, after)| before != after);
-        if let Some(((shader, _), _)) = shader {
-            // The usual cause: a variable, a function or a constant of the shader already has the new name.
-            return Some(format!(
-                "expected {shader} to compile to the same code, found other code; choose a name that the shader \
-                 does not use"
-            ));
-        }
-        let changes = |what: &str, before: String, after: String| {
+    /// Describes the first difference, apart from the new name; `None` if the plans are equivalent.
+    fn change(&self, after: &Built, renamed: (&str, &str)) -> Option<String> {
+        let changes = |what: &str, before: &str, after: &str| {
             (before != after).then(|| format!("expected {what} {before}, found {after}"))
         };
-        changes("passes:", self.passes.to_string(), after.passes.to_string())
-            .or_else(|| {
-                changes("dependencies:", self.dependencies.to_string(), after.dependencies.to_string())
-            })
-            .or_else(|| changes("bytes of resources:", self.bytes.to_string(), after.bytes.to_string()))
-            .or_else(|| changes("parameter values:", self.values.join(", "), after.values.join(", ")))
+        if !is_renamed(&self.output, &after.output, renamed) {
+            return changes("the output", &self.output, &after.output);
+        }
+        let names = |all: &[(String, String)]| all.iter().map(|(name, _)| name.clone()).collect::<Vec<_>>();
+        for (what, before, after) in [
+            ("the resources", &self.resources, &after.resources),
+            ("the passes", &self.passes, &after.passes),
+        ] {
+            let (before, after) = (names(before), names(after));
+            let is_equal = before.len() == after.len()
+                && before.iter().zip(&after).all(|(before, after)| is_renamed(before, after, renamed));
+            if !is_equal {
+                return changes(what, &before.join(", "), &after.join(", "));
+            }
+        }
+        let differing = self.shaders.iter().zip(&after.shaders).find(|(before, after)| before != after);
+        match differing {
+            // The usual cause: a variable, a function or a constant of the shader already has the new name.
+            Some(((shader, _), (other, _))) if shader == other => {
+                return Some(format!(
+                    "expected {shader} to compile to the same code, found other code; choose a name that the shader \
+                     does not use"
+                ));
+            }
+            Some(((shader, _), (other, _))) => return changes("the shader", shader, other),
+            None => {}
+        }
+        let mut changed = self.resources.iter().zip(&after.resources);
+        if let Some(((name, _), _)) = changed.find(|((_, before), (_, after))| before != after) {
+            return Some(format!("expected the resource {name} to stay the same, found another"));
+        }
+        let mut changed = self.passes.iter().zip(&after.passes);
+        if let Some(((name, _), _)) = changed.find(|((_, before), (_, after))| before != after) {
+            return Some(format!("expected the pass {name} to use the same resources, found others"));
+        }
+        let values = || changes("parameter values:", &self.values.join(", "), &after.values.join(", "));
+        changes("the order", &self.order, &after.order).or_else(values)
     }
 }
 
-/// Returns SPIR-V without its debug instructions, which hold names, texts and lines.
-fn nameless(spirv: &[u32]) -> Vec<u32> {
-    // OpSourceContinued, OpSource, OpSourceExtension, OpName, OpMemberName, OpString, OpLine; OpNoLine;
-    // OpModuleProcessed.
-    let is_debug = |opcode: u32| matches!(opcode, 2..=8 | 317 | 330);
-    let (header, mut rest) = spirv.split_at(spirv.len().min(5));
-    let mut code = header.to_vec();
-    while let Some(first) = rest.first() {
-        let (instruction, others) = rest.split_at(((first >> 16) as usize).clamp(1, rest.len()));
-        if !is_debug(first & 0xffff) {
-            code.extend(instruction);
-        }
-        rest = others;
-    }
-    code
+/// Returns true if `after` is `before` with some words `old` replaced by `new`, such as `s.old#0` and `s.new#0`.
+fn is_renamed(before: &str, after: &str, (old, new): (&str, &str)) -> bool {
+    let words = |text: &'_ str| text.split(|c| !continues_name(c)).map(str::to_owned).collect::<Vec<_>>();
+    let (before, after) = (words(before), words(after));
+    before.len() == after.len()
+        && before.iter().zip(&after).all(|(before, after)| before == after || (before == old && after == new))
 }
 
 /// Builds each graph for a GPU and for a CPU. Graphs of a choice that neither draws are built, too. Returns the plans
 /// of each graph, or the first error.
-fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<Vec<NamelessPlan>, String>> {
+fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<Vec<Built>, String>> {
     let build = |graph: &String| {
         let first = |errors: GraphErrors| {
             let first = errors.found.first();
@@ -155,7 +191,65 @@ fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<Vec<NamelessP
         let (catalog, cases) = (files::nominal_catalog(), LANES.map(nominal_case));
         let builds = requirements::builds(planner, graph, &cases, &catalog).map_err(first)?;
         let plans = builds.iter().filter_map(|build| build.plan(planner, graph, &[], &catalog).transpose());
-        plans.map(|plan| Ok(NamelessPlan::of(&plan.map_err(first)?))).collect()
+        plans.map(|plan| Ok(Built::of(&plan.map_err(first)?))).collect()
     };
     graphs.iter().map(build).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn plans_with_other_bindings_or_another_output_differ_and_plans_with_the_new_name_do_not() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let image = |number: usize, name: &str| {
+            format!("layout(rgba8, set = 0, binding = {number}) uniform image2D {name};\n")
+        };
+        let shader = |images: &[&str], code: &str| {
+            let images: String =
+                images.iter().enumerate().map(|(number, name)| image(number, name)).collect();
+            format!(
+                "#version 460\nlayout(local_size_x = 8, local_size_y = 8) in;\n{images}void main() {{ {code} }}\n"
+            )
+        };
+        let paint = shader(&["to"], "imageStore(to, ivec2(0), vec4(1));");
+        let add = "imageStore(to, ivec2(0), imageLoad(one, ivec2(0)) - imageLoad(other, ivec2(0)));";
+        for (name, text) in [("paint.comp", paint), ("add.comp", shader(&["one", "other", "to"], add))] {
+            std::fs::write(folder.path().join(name), text).expect("writable");
+        }
+        let built = |[a, b, c]: [&str; 3], (one, other): (&str, &str), output: &str| {
+            let image = |name: &str| format!("\"{name}\": Image(format: \"rgba8\", size: (8, 8))");
+            let pass = |name: &str, shader: &str, bind: &str| {
+                format!(
+                    "Dispatch(name: \"{name}\", shader: \"{shader}\", size: Threads(8, 8), bind: {{ {bind} }})"
+                )
+            };
+            let text = format!(
+                "Graph(version: 1, summary: \"\", resources: {{ {}, {}, {} }}, passes: [{}, {}, {}], output: \"{output}\")",
+                image(a),
+                image(b),
+                image(c),
+                pass("p0", "paint.comp", &format!("\"to\": \"{a}\"")),
+                pass("p1", "paint.comp", &format!("\"to\": \"{b}\"")),
+                pass(
+                    "p2",
+                    "add.comp",
+                    &format!("\"one\": \"{one}\", \"other\": \"{other}\", \"to\": \"{c}\"")
+                ),
+            );
+            let path = folder.path().join("graph.ron");
+            std::fs::write(&path, text).expect("writable");
+            let (facts, catalog) = (nominal_case(8).facts(), files::nominal_catalog());
+            let plan = Planner::default().plan(&path.display().to_string(), &[], &facts, &catalog);
+            Built::of(&plan.unwrap_or_else(|errors| panic!("{errors}")))
+        };
+        let names = ["a", "b", "c"];
+        let before = built(names, ("a", "b"), "c");
+        let change = |after: Built| before.change(&after, ("b", "d"));
+        assert_eq!(change(built(["a", "d", "c"], ("a", "d"), "c")), None);
+        let other = "expected the pass p2 to use the same resources, found others";
+        assert_eq!(change(built(names, ("b", "a"), "c")).as_deref(), Some(other));
+        assert_eq!(change(built(names, ("a", "b"), "a")).as_deref(), Some("expected the output c, found a"));
+    }
 }

@@ -166,7 +166,11 @@ fn errors_of_every_graph_of_a_choice_are_found_and_a_fallback_is_fine() {
         let errors = result(&folder, name).expect_err(name);
         assert!(errors.to_string().contains("`unknown`"), "{name}: {errors}");
         let note = "the choice's graph `bad.ron`, which is not drawn here, has this error";
-        assert_eq!(errors.found[0].help.iter().any(|help| help == note), name != "last.ron", "{name}: {errors}");
+        assert_eq!(
+            errors.found[0].help.iter().any(|help| help == note),
+            name != "last.ron",
+            "{name}: {errors}"
+        );
     }
     let text = right(result(&folder, "fine.ron"));
     let lines: Vec<&str> = text.lines().collect();

@@ -231,6 +231,40 @@ fn a_rename_that_would_give_a_word_of_a_shader_another_meaning_is_refused() {
 }
 
 #[test]
+fn a_rename_that_would_let_an_expression_choose_something_else_is_refused() {
+    let mut editor = Editor::start();
+    let dispatch = |image: &str| {
+        format!(
+            r#"Dispatch(name: "{image}", shader: "show.comp", size: Groups(1), bind: {{ "Table": "table", "picture": "{image}" }})"#
+        )
+    };
+    let graph = format!(
+        r#"Graph(version: 1, summary: "", output: "chosen",
+  params: {{ "fast": Const(Bool(default: true)), "mode": Const(Choice(default: "slow", of: ["slow", "fine"])) }},
+  let: {{ "chosen": "fast ? 'left' : 'right'" }},
+  resources: {{
+    "left": Image(format: "rgba8", size: (8, 8)), "right": Image(format: "rgba8", size: (8, 8)),
+    "table": Buffer(stride: 4, count: 1),
+  }},
+  passes: [{}, {}],
+)"#,
+        dispatch("left"),
+        dispatch("right")
+    );
+    editor.write("choosing.ron", &graph);
+    for (from, to) in [("chosen", "right"), ("chosen", "left"), ("left", "chosen"), ("left", "fine")] {
+        let place = editor.place("choosing.ron", &graph.replacen(from, &format!("|{from}"), 1));
+        let error = editor.renamed(place, to).expect_err(to);
+        assert!(error.starts_with(&format!("renaming `{from}` to `{to}` ")), "{error}");
+    }
+    let place = editor.place("choosing.ron", &graph.replacen("left", "|left", 1));
+    let renamed = editor.renamed(place, "side").expect("renamed");
+    let pass = "name: \"left\"";
+    assert_eq!(renamed["choosing.ron"], graph.replace("left", "side").replace("name: \"side\"", pass));
+    editor.end();
+}
+
+#[test]
 fn definitions_lead_to_declarations_files_and_blocks() {
     let mut editor = Editor::start();
     let at = |line: u64, text: &str, of: &str, name: &str| {
