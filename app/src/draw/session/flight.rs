@@ -22,7 +22,7 @@ impl SessionError {
     /// still be drawn. False for a failed device, and for unsuitable inputs, such as a camera of another size.
     pub fn spares_device(&self) -> bool {
         match self {
-            SessionError::Graph(_) | SessionError::Full { .. } => true,
+            SessionError::Graph(_) | SessionError::NoSplats { .. } | SessionError::Full { .. } => true,
             SessionError::NoRoom { error, .. } => error.spares_device(),
             SessionError::Backend(error) => error.recovery() == Recovery::User,
             _ => false,

@@ -142,3 +142,16 @@ fn a_scene_whose_buffers_fit_and_whose_plan_does_not_is_packed() {
     assert_eq!(packed, Some(("sh_storage".to_owned(), "q8".to_owned())));
     session.prepare(SIZE, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
 }
+
+#[test]
+fn errors_of_a_graph_spare_the_device_also_without_splats() {
+    let (null, _) = open(&Config::default());
+    let mut session = Session::new(
+        Backend::Null(null.expect("it opens")),
+        Scene::generate(0, 0, |_| unreachable!("no splat")),
+        GRAPH,
+        &[("nothing".into(), "1".into())],
+    );
+    let error = session.prepare(SIZE, &mut |_| {}).unwrap_err();
+    assert!(matches!(error, SessionError::NoSplats { .. }) && error.spares_device(), "{error}");
+}
