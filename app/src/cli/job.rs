@@ -284,13 +284,18 @@ impl Job {
         while !missing.is_empty() {
             // Several frames are in flight, so an error does not identify its view. After an error, views are drawn one
             // at a time until the failed one is found.
+            self.reopen(&ran)?;
             if missing.len() > 1 && self.draw(&missing).is_ok() {
                 ran.done.append(&mut missing);
                 break;
             }
             while let Some(view) = (!missing.is_empty()).then(|| missing.remove(0)) {
-                let found = if self.has(view) { Ok(()) } else { self.draw(&[view]) };
-                match found {
+                if self.has(view) {
+                    ran.done.push(view);
+                    continue;
+                }
+                self.reopen(&ran)?;
+                match self.draw(&[view]) {
                     Ok(()) => ran.done.push(view),
                     Err(error) => {
                         self.remove(view)?;
@@ -326,8 +331,8 @@ impl Job {
         Ok(())
     }
 
+    /// Draws views with the opened work, and closes it if one fails.
     fn draw(&mut self, views: &[usize]) -> Result<()> {
-        self.open()?;
         self.work.draw(views).inspect_err(|_| self.shut())
     }
 
@@ -341,6 +346,17 @@ impl Job {
         Manifest { command: (*command).into(), origin, views, files }.claim(folder)?;
         self.opened = true;
         Ok(())
+    }
+
+    /// Opens the work again if a failure closed it. No view is to blame for an error, and none loses its files.
+    fn reopen(&mut self, ran: &Ran) -> Result<()> {
+        self.open().with_context(|| match ran.failed.last() {
+            Some((view, why)) => {
+                let view = one_line(&self.outputs.views[*view]);
+                format!("the other views cannot be done after {view} failed ({})", why.trim())
+            }
+            None => "the views cannot be done one by one after one failed".into(),
+        })
     }
 
     fn shut(&mut self) {
@@ -470,6 +486,7 @@ mod tests {
         }
     }
 
+    /// A job of these views in a folder. Those with the listed indices fail, and it opens at most this many times.
     struct Some(PathBuf, Vec<String>, &'static [usize], Cell<u32>);
 
     impl Work for Some {
@@ -478,7 +495,8 @@ mod tests {
         }
 
         fn open(&mut self) -> Result<Origin> {
-            self.3.set(self.3.get() + 1);
+            let left = self.3.get().checked_sub(1).context("no device")?;
+            self.3.set(left);
             origin(&synth::generate("uniform", self.2.len() as u32, 0)?, &json!([]))
         }
 
@@ -500,15 +518,27 @@ mod tests {
     #[test]
     fn a_view_that_fails_costs_no_other_and_what_is_there_is_kept() {
         let folder = tempfile::tempdir().unwrap();
-        let job = |bad| {
+        let job_of = |bad, opens| {
             let views = (0..6).map(|view| view.to_string()).collect();
-            Job::new(Box::new(Some(folder.path().into(), views, bad, Cell::default())))
+            Job::new(Box::new(Some(folder.path().into(), views, bad, Cell::new(opens))))
         };
+        let job = |bad| job_of(bad, u32::MAX);
         let ran = job(&[1, 4]).run(&[0, 1, 2, 4, 5]).unwrap();
         assert_eq!((ran.done.as_slice(), ran.kept.as_slice()), (&[0, 2, 5][..], &[][..]));
         assert_eq!(ran.failed, [(1, "view 1 is bad".into()), (4, "view 4 is bad".into())]);
         let ran = job(&[3, 4]).run(&[0, 1, 2, 3, 4, 5]).unwrap();
         assert_eq!((ran.done.as_slice(), ran.kept.as_slice()), (&[1][..], &[0, 2, 5][..]));
+        // A device that cannot be opened again costs no view its files.
+        let stale = folder.path().join(part("5"));
+        fs::write(&stale, "{").unwrap();
+        fs::remove_file(folder.path().join(part("1"))).unwrap();
+        let error = job_of(&[3, 4], 2).run(&[3, 4, 5, 1]).unwrap_err();
+        assert_eq!(
+            format!("{error:#}"),
+            "the other views cannot be done after 3 failed (view 3 is bad): no device"
+        );
+        assert!(stale.exists());
+        job(&[3, 4]).run(&[1, 5]).unwrap();
         let error = job(&[3]).run(&[0]).unwrap_err().to_string();
         assert!(error.contains("found some that differ in scene: name another folder"), "{error}");
         // A description of an earlier version of the program.
@@ -556,7 +586,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         fs::create_dir(folder.path().join(MANIFEST)).unwrap();
         let views = vec!["0".to_owned()];
-        let mut job = Job::new(Box::new(Some(folder.path().into(), views, &[], Cell::default())));
+        let mut job = Job::new(Box::new(Some(folder.path().into(), views, &[], Cell::new(1))));
         let error = job.run(&[0]).unwrap_err();
         assert!(error.root_cause().is::<std::io::Error>(), "{error:#}");
         assert!(error.to_string().ends_with(MANIFEST), "{error:#}");
