@@ -121,10 +121,15 @@ pub fn parse(spec: &str, ignore_distortion: bool) -> Result<Vec<Camera>, CameraE
     Ok(dataset.into_cameras())
 }
 
-/// Tells the user which file moved the cameras, if any.
+/// Tells the user which file moved the cameras, if any, and which models of COLMAP's are not read.
 pub fn tell_alignment(dataset: &Dataset) {
     if let Some(file) = &dataset.alignment {
         say(format!("the cameras are moved to the space of nerfstudio's scene, by {}", file.display()));
+    }
+    if let [other, more @ ..] = dataset.other_models.as_slice() {
+        let more = if more.is_empty() { String::new() } else { format!(" and {} more", more.len()) };
+        let count = dataset.views.len();
+        say(format!("COLMAP's model 0 is read, with {count} cameras; not read: {}{more}", other.display()));
     }
 }
 

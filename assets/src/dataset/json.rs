@@ -58,7 +58,13 @@ pub(super) fn parse(
         let message = message.strip_suffix(&place).unwrap_or(&message);
         let camera = reached.get().map(|index| format!("camera {index}: ")).unwrap_or_default();
         let place = format!(":{}:{}", error.line(), error.column());
-        CameraError::invalid(path, place, format!("{camera}{message}"))
+        // `ns-export cameras` of nerfstudio writes a list of names and poses.
+        let is_exported = message.starts_with("missing field") && text.contains("\"file_path\"");
+        let advice = match is_exported && start.starts_with('[') {
+            true => "; for a list of poses without lenses, name the transforms.json of the training instead",
+            false => "",
+        };
+        CameraError::invalid(path, place, format!("{camera}{message}{advice}"))
     })
 }
 

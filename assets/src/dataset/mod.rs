@@ -2,7 +2,7 @@
 //!
 //! | dataset | recognised by |
 //! |---|---|
-//! | COLMAP, text or binary | a file `cameras` or `images`; a folder with both in it, in `sparse/0` or in `sparse` |
+//! | COLMAP, text or binary | a file `cameras` or `images`; a folder with both in it, in `sparse/0`, `sparse` or `0` |
 //! | Blender, nerfstudio, instant-ngp | a JSON object with `frames`, or a folder with `transforms*.json` |
 //! | a path of nerfstudio's viewer | a JSON object with `camera_path` |
 //! | the 3DGS reference implementation's `cameras.json` | a JSON list, or a folder with that file |
@@ -34,6 +34,13 @@ use std::path::{Path, PathBuf};
 /// Sampling stride of test views if the dataset does not specify any, as in the reference implementation (`llffhold`).
 pub const TEST_EVERY: usize = 8;
 
+/// Lists the folder of a COLMAP model and the three around it, in which photographs and other files are looked for.
+fn around_model(folder: &Path) -> Vec<PathBuf> {
+    let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let folder = here.canonicalize().unwrap_or_else(|_| here.to_owned());
+    folder.ancestors().take(4).map(Path::to_owned).collect()
+}
+
 impl Dataset {
     /// Reads the cameras of a folder or a file in any of the module's formats.
     ///
@@ -62,12 +69,8 @@ impl Dataset {
             return Self::load_folder(path, options);
         }
         // COLMAP's files come in pairs; either one identifies the model.
-        let name = path.file_stem().and_then(|stem| stem.to_str());
-        if let (Some("cameras" | "images"), Some(folder)) = (name, path.parent())
-            && path.extension().is_some_and(|extension| extension == "txt" || extension == "bin")
-        {
-            let here = Path::new(".");
-            return Self::load_colmap(if folder.as_os_str().is_empty() { here } else { folder }, options);
+        if let Some(folder) = path.parent().filter(|_| colmap::has_name_of_model(path)) {
+            return Self::load_colmap(folder, options);
         }
         if let Some(dataset) = Self::load_gltf(path)? {
             return Ok(dataset);
@@ -83,7 +86,7 @@ impl Dataset {
             alignment::apply(&mut dataset, file, &applied)?;
         }
         // Blender's scenes have a file for each split.
-        let test = match name {
+        let test = match path.file_stem().and_then(|stem| stem.to_str()) {
             Some("transforms_test") => Some(true),
             Some("transforms_train" | "transforms_val") => Some(false),
             _ => None,
@@ -110,9 +113,14 @@ impl Dataset {
     }
 
     fn load_folder(folder: &Path, options: CameraOptions) -> Result<Self, CameraError> {
-        for colmap in ["", "sparse/0", "sparse"].map(|below| folder.join(below)) {
+        for below in ["", "sparse/0", "sparse", "0"] {
+            let colmap = folder.join(below);
             if colmap::is_folder(&colmap) {
-                return Self::load_colmap(&colmap, options);
+                let mut dataset = Self::load_colmap(&colmap, options)?;
+                if below.ends_with('0') {
+                    dataset.other_models = colmap::beside(&colmap);
+                }
+                return Ok(dataset);
             }
         }
         let splits = ["test", "train", "val"].map(|split| folder.join(format!("transforms_{split}.json")));
@@ -157,10 +165,10 @@ impl Dataset {
 
     fn load_colmap(folder: &Path, options: CameraOptions) -> Result<Self, CameraError> {
         let mut dataset = colmap::load(folder, options.ignore_distortion)?;
-        let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
-        let around = || folder.ancestors().take(4);
-        dataset.photographs = around().map(|around| around.join("images")).find(|images| images.is_dir());
-        if let Some(file) = around().find_map(alignment::beside) {
+        let around = around_model(folder);
+        dataset.photographs =
+            around.iter().map(|around| around.join("images")).find(|images| images.is_dir());
+        if let Some(file) = around.iter().find_map(|around| alignment::beside(around)) {
             alignment::apply(&mut dataset, file, &Applied::default())?;
         }
         Ok(dataset)
@@ -226,10 +234,32 @@ impl Dataset {
         views.into_iter().step_by(TEST_EVERY).collect()
     }
 
-    /// Returns the dataset with smaller photographs, from folders `images_N` beside `images`, with N the `factor`.
-    /// `None` unless there is such a folder for every photograph, and if the photographs' folder is unknown.
+    /// Lists the factors N of the folders `images_N` of a COLMAP dataset, in ascending order. Downloads often have them
+    /// without `images`.
+    pub fn reduced_factors(&self) -> Vec<u32> {
+        let names = self.around().into_iter().filter_map(|around| around.read_dir().ok()).flatten().flatten();
+        let factor = |name: &str| name.strip_prefix("images_")?.parse().ok();
+        let mut factors: Vec<u32> = names.filter_map(|entry| factor(entry.file_name().to_str()?)).collect();
+        factors.sort_unstable();
+        factors.dedup();
+        factors
+    }
+
+    /// Lists the folders in which the photographs of a COLMAP model are looked for; none for other datasets.
+    fn around(&self) -> Vec<PathBuf> {
+        let is_model = |file: &&PathBuf| colmap::has_name_of_model(file);
+        let model = self.files.first().filter(is_model).and_then(|file| file.parent());
+        model.map(around_model).unwrap_or_default()
+    }
+
+    /// Returns the dataset with smaller photographs, from folders `images_N` with N the `factor`: beside `images`, or
+    /// near a COLMAP model without `images`. `None` unless there is such a folder for every photograph.
     pub fn reduced(&self, factor: u32) -> Option<Self> {
-        let folder = self.photographs.as_ref()?;
+        let Some(folder) = &self.photographs else {
+            let mut folders = self.around().into_iter().map(|around| around.join(format!("images_{factor}")));
+            let folder = folders.find(|folder| folder.is_dir())?;
+            return Some(Self { photographs: Some(folder), ..self.clone() });
+        };
         let beside = |images: &Path| images.with_file_name(format!("images_{factor}"));
         if folder.ends_with("images") {
             let photographs = Some(beside(folder)).filter(|folder| folder.is_dir());

@@ -12,7 +12,7 @@ pub(super) use lens::{IDEAL, UNDISTORT};
 
 use super::error::CameraError;
 use super::view::Dataset;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pub(super) fn is_folder(folder: &Path) -> bool {
     ["bin", "txt"].into_iter().any(|form| has(folder, form))
@@ -20,6 +20,21 @@ pub(super) fn is_folder(folder: &Path) -> bool {
 
 fn has(folder: &Path, form: &str) -> bool {
     ["cameras", "images"].into_iter().all(|name| folder.join(format!("{name}.{form}")).exists())
+}
+
+/// Returns true for the name of a file of a model: `cameras` or `images`, as text or binary.
+pub(super) fn has_name_of_model(path: &Path) -> bool {
+    let has_extension = path.extension().is_some_and(|extension| extension == "txt" || extension == "bin");
+    has_extension && path.file_stem().is_some_and(|stem| stem == "cameras" || stem == "images")
+}
+
+/// Lists the models in other folders beside the one of a model, by name.
+pub(super) fn beside(model: &Path) -> Vec<PathBuf> {
+    let entries = model.parent().and_then(|parent| parent.read_dir().ok()).into_iter().flatten().flatten();
+    let is_other = |folder: &PathBuf| folder.file_name() != model.file_name() && is_folder(folder);
+    let mut models: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(is_other).collect();
+    models.sort();
+    models
 }
 
 pub(super) fn load(folder: &Path, ignore_distortion: bool) -> Result<Dataset, CameraError> {
@@ -36,5 +51,7 @@ pub(super) fn load(folder: &Path, ignore_distortion: bool) -> Result<Dataset, Ca
     if dataset.views.is_empty() {
         return Err(CameraError::Empty { path: images });
     }
+    // The order of the file is that of the registration. Names have the order of the photographs, which a path follows.
+    dataset.views.sort_by(|a, b| a.photograph.cmp(&b.photograph));
     Ok(dataset)
 }

@@ -20,6 +20,25 @@ fn colmap_text_shows_a_known_point_at_its_pixel() {
     }
 }
 
+#[test]
+fn images_of_colmap_have_the_order_of_their_names_and_other_models_are_listed() {
+    let named = |name: &str| image().replace("left/a photo", name);
+    let images = format!("{}\n\n{}\n\n{}", named("right/2"), named("left/10"), named("right/1"));
+    let folder = colmap_text(LENS, &images);
+    let dataset = Dataset::load(folder.path()).unwrap();
+    let names: Vec<&str> = dataset.views.iter().map(|view| view.photograph.as_str()).collect();
+    assert_eq!(names, ["left/10.JPG", "right/1.JPG", "right/2.JPG"]);
+    let sparse = folder.path().join("sparse");
+    assert_eq!(Dataset::load(&sparse).unwrap(), dataset, "the folder around the models");
+    std::fs::create_dir(sparse.join("1")).unwrap();
+    assert!(Dataset::load(folder.path()).unwrap().other_models.is_empty(), "an empty folder is no model");
+    for name in ["cameras.txt", "images.txt"] {
+        std::fs::copy(sparse.join("0").join(name), sparse.join("1").join(name)).unwrap();
+    }
+    assert_eq!(Dataset::load(folder.path()).unwrap().other_models, [sparse.join("1")]);
+    assert!(Dataset::load(sparse.join("0")).unwrap().other_models.is_empty(), "a model that is named");
+}
+
 /// Builds `cameras.bin` and `images.bin` of a model with two images, each with `points` points.
 fn colmap_binary(model: u32, parameters: &[f64], points: u64) -> [Vec<u8>; 2] {
     let mut lenses = 1u64.to_le_bytes().to_vec();

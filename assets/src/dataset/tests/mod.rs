@@ -56,6 +56,8 @@ fn errors_say_line_column_and_which_camera() {
         let said = error(&format!("[{ONE}, {}]", ONE.replace(from, to)));
         assert!(said.contains("camera 1: ") && said.contains(what), "{said}");
     }
+    let poses = r#"[{"file_path": "images/a.png", "transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}]"#;
+    says(error(poses), "name the transforms.json of the training instead");
     says(error("{}"), "expected a list of cameras");
     says(error(&format!("[{ONE}] x")), "trailing");
     says(error(""), "EOF");

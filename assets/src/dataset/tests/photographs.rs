@@ -87,4 +87,15 @@ fn reduced_photographs_lie_beside_those_of_full_size_and_not_beside_the_dataset(
     let colmap = Dataset { photographs: Some(dataset.join("images")), ..Dataset::default() };
     assert_eq!(colmap.reduced(2).unwrap().photographs, Some(dataset.join("images_2")));
     assert_eq!(colmap.reduced(3), None);
+    // Downloads often have no `images`.
+    let folder = colmap_text(LENS, &image());
+    let images = folder.path().canonicalize().unwrap().join("images");
+    for factor in [8, 2] {
+        std::fs::create_dir(images.with_file_name(format!("images_{factor}"))).unwrap();
+    }
+    std::fs::remove_dir(&images).unwrap();
+    let colmap = Dataset::load(folder.path()).unwrap();
+    assert_eq!((&colmap.photographs, colmap.reduced_factors()), (&None, vec![2, 8]));
+    assert_eq!(colmap.reduced(8).unwrap().photographs, Some(images.with_file_name("images_8")));
+    assert_eq!(colmap.reduced(4), None);
 }
