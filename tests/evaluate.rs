@@ -64,7 +64,11 @@ fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_no
     let rule = |line: &str| place.code(line).1.contains("scored: every 8th view by name, 2 of 9");
     assert!(rule("evaluate scene.ply -c views"));
     assert!(!rule("evaluate scene.ply -c views --all"));
-    let table = place.done("evaluate scene.ply -c views --all --json=scores.json");
+    let (table, errors) = place.said("evaluate scene.ply -c views --json=scores.json --all -o scores");
+    assert!(!errors.contains("not of this run"), "{errors}");
+    let (_, errors) = place.said("evaluate scene.ply -c views -o scores");
+    let left = "scores/renders: 7 files are not of this run, such as view-0001.png\n";
+    assert!(errors.contains(left) && errors.contains("scores/differences: 7 files"), "{errors}");
     assert!(table.contains("view-0000.png") && place.json("scores.json")["mean"] == drawn["mean"], "{table}");
     assert_eq!(
         (&drawn["photographs"], &drawn["background"]),

@@ -29,6 +29,7 @@ use serde_json::{Map, Value as Json, json};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, CameraOptions, Dataset, Scene, TEST_EVERY};
 use splatgraph_reference::Rules;
+use std::ffi::OsStr;
 use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -120,8 +121,10 @@ impl View {
         let off = (expected - height as f64).abs();
         // Tolerate a pixel of height; in a portrait, also a pixel of width.
         if off > f64::max(1.0, own_height / own_width) && off > 0.01 * expected {
+            let is_turned = (height as f64, width as f64) == (own_width, own_height);
+            let turned = if is_turned { "; an EXIF orientation is not read: rotate the pixels" } else { "" };
             bail!(
-                "{}: expected a photograph of {own_width} x {own_height} pixels, or of that shape, found {width} x {height}",
+                "{}: expected a photograph of {own_width} x {own_height} pixels, or of that shape, found {width} x {height}{turned}",
                 path.display()
             );
         }
@@ -159,6 +162,21 @@ pub(super) struct Work {
     downscaled: Option<String>,
     views: Vec<View>,
     stems: Vec<String>,
+    /// True for a dataset in the space of a capture, which nerfstudio leaves before the training.
+    is_unaligned: bool,
+}
+
+impl Work {
+    /// Warns the user if nerfstudio trained the scene, and no file says how it moved the cameras.
+    fn tell_alignment(&self, args: &Args, scene: &Scene) {
+        let is_name = |comment: &String| comment.to_ascii_lowercase().contains("nerfstudio");
+        if self.is_unaligned && scene.size_breakdown().comments.iter().any(is_name) {
+            say(format!(
+                "{}: nerfstudio trained the scene, and moves a capture before that: copy the dataparser_transforms.json of the training beside the cameras",
+                args.cameras.display()
+            ));
+        }
+    }
 }
 
 /// Field of the JSON with the value of [`origin`].
@@ -206,10 +224,16 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     }
     let every = chosen.len() < count && found.views.iter().all(|view| view.test.is_none());
     let Some(folder) = args.photographs.as_ref().or(found.photographs.as_ref()) else {
-        let text = format!(
-            "{}: expected a folder `images` near the cameras, found none: name it with --photographs",
-            args.cameras.display()
-        );
+        let factors = dataset.reduced_factors();
+        let found = match factors.first() {
+            Some(factor) => {
+                let names: Vec<String> = factors.iter().map(|factor| format!("images_{factor}")).collect();
+                format!("found {}: --downscale {factor} takes images_{factor}", names.join(", "))
+            }
+            None => "found none: name it with --photographs".into(),
+        };
+        let cameras = args.cameras.display();
+        let text = format!("{cameras}: expected a folder `images` near the cameras, {found}");
         return Err(Usage(text).into());
     };
     if let Renderer::Device(_) = args.backend {
@@ -267,11 +291,26 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         None => "averaged".into(),
     });
     match downscaled.as_deref() {
-        Some("averaged") => say(format!("the photographs are averaged to 1/{downscale} of their size")),
+        Some("averaged") => say(format!("the photographs are averaged to 1/{downscale} of their size{}", {
+            // `--photographs images_2 --downscale 2`.
+            let sizes =
+                views.iter().find_map(|view| Some((view.drawn(downscale).ok()?.width, view.camera.width)));
+            let smaller = sizes.filter(|(drawn, own)| drawn * downscale + downscale < *own);
+            smaller.map_or(String::new(), |(drawn, own)| {
+                format!(", to {drawn} pixels across: they were reduced before, as the cameras have {own}")
+            })
+        })),
         Some(folder) => say(format!("the photographs are those of {folder}")),
         None => {}
     }
-    Ok(Work { guard, downscale, downscaled, views, stems })
+    // Cameras of a `cameras.json`, of a path and of Blender's scenes are in the scene's space.
+    let is_capture = |file: &PathBuf| {
+        ["transforms", "cameras"].map(OsStr::new).contains(&file.file_stem().unwrap_or_default())
+    };
+    let is_unaligned = dataset.alignment.is_none()
+        && found.photographs.is_some()
+        && dataset.files.first().is_some_and(is_capture);
+    Ok(Work { guard, downscale, downscaled, views, stems, is_unaligned })
 }
 
 fn picture(output: &Path, folder: &str, stem: &str) -> PathBuf {
@@ -388,8 +427,17 @@ fn as_json(mut request: Json, found: &Evaluation) -> String {
 pub fn run(args: &Args) -> Result<Outcome> {
     // Errors of the command line and of the dataset are reported before a large scene is loaded.
     let mut work = prepare(args)?;
-    args.output.iter().try_for_each(|folder| Manifest::refuse(folder))?;
+    let mut others = Vec::new();
+    if let Some(output) = &args.output {
+        Manifest::refuse(output)?;
+        let of = |folder: &str| {
+            let own = work.stems.iter().map(|stem| picture(output, folder, stem)).collect();
+            names::others(&output.join(folder), "png", &own)
+        };
+        others.extend(FOLDERS.into_iter().filter_map(of));
+    }
     let mut drawer = Drawer::open(args, &mut work, None)?;
+    work.tell_alignment(args, drawer.scene());
     let Work { views, stems, downscale, downscaled, .. } = work;
     let mut progress = Progress::new("scoring");
     let (mut scores, mut missing, mut blind) = (Vec::with_capacity(views.len()), Vec::new(), 0);
@@ -425,6 +473,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if blind > 0 {
         say(blind::note(drawer.scene(), blind, views.len()));
     }
+    others.iter().for_each(say);
     let found = Evaluation::new(scores, missing);
     options::print_beside(args.json.as_deref(), &found.table())?;
     if let Some(path) = &args.json {

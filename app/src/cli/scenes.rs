@@ -48,12 +48,11 @@ impl ScenesArgs {
         self.more.iter().try_for_each(|path| Ok(guard.scene("a further scene", path)?))
     }
 
-    /// Formats the note that every picture of a film shows all scenes; `None` for a single scene.
-    pub fn note_superimposed(&self) -> Option<String> {
+    /// Formats the note that each of several pictures shows all scenes, with `advice` for pictures of one scene; `None`
+    /// for a single scene.
+    pub fn note_superimposed(&self, advice: &str) -> Option<String> {
         let count = self.more.len() + 1;
-        let text =
-            "scenes are in each picture; docs/video.md has the commands for a film of one scene per frame";
-        (count > 1).then(|| format!("{count} {text}"))
+        (count > 1).then(|| format!("{count} scenes are in each picture; {advice}"))
     }
 
     /// Returns the load options of one scene. If any scene has levels, `--level` applies only to scenes with levels.

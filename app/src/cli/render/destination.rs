@@ -48,9 +48,10 @@ pub fn output_help() -> String {
 const OUTPUT_HELP: &str = "\
 Output: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder
 
-A name without one of these extensions is a folder for one picture per camera, named after the camera's img_name.
-Characters that a file name cannot have become `_`, and cameras with equal names get their index appended.
-`-` writes the picture of one camera to standard output, in the format of --format. Files are complete, or not written.
+A name without one of these extensions is a folder for one picture per camera, named after the camera's img_name, from
+which a leading images/ is left out. Characters that a file name cannot have become `_`, and cameras with equal names
+get their index appended. `-` writes the picture of one camera to standard output, in the format of --format. Files are
+complete, or not written.
 
 NAME=FILE writes another output of the graph; may be repeated. (`./NAME=FILE` is a picture with that name.) With several
 cameras, the file's name gets the camera's: depth-CAMERA.npy. NAME=FOLDER/ writes FOLDER/CAMERA.npy, or in the format

@@ -3,6 +3,7 @@
 use super::job::Manifest;
 use super::options;
 use super::outcome::Outcome;
+use crate::io::output::{self, say};
 use anyhow::Result;
 use tracing::info_span;
 
@@ -24,8 +25,13 @@ pub(super) use views::{COMMAND, Views};
 pub fn run(args: &Args) -> Result<Outcome> {
     // Check the command line before the device is opened and a large scene is loaded.
     let work = info_span!("check the command line").in_scope(|| prepare(args))?;
-    if let Some(Destination::Folder(folder, _)) = &work.destination {
+    let mut others = None;
+    if let Some(destination @ Destination::Folder(folder, format)) = &work.destination {
         Manifest::refuse(folder)?;
+        let advice = "to draw each scene alone, run the command once for each";
+        args.scenes.note_superimposed(advice).iter().for_each(say);
+        let own = work.stems.iter().map(|stem| destination.path(stem)).collect();
+        others = output::names::others(folder, &format.to_string(), &own);
     }
     let mut drawer = Drawer::open(args, &work, None)?;
     let drawn = drawer.draw(args, &(0..work.stems.len()).collect::<Vec<_>>());
@@ -44,5 +50,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     drawn.and(cameras)?;
     let (_, messages) = closed?;
+    others.iter().for_each(say);
     Ok(super::outcome::validated(args.device.validate, &messages))
 }

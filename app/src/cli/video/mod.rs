@@ -288,7 +288,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Ok(device)
     };
     let (device, (scene, own)) = loading::open_and_load(open, |cancel| args.scenes.load(cancel))?;
-    args.scenes.note_superimposed().iter().for_each(say);
+    let advice = "docs/video.md has the commands for a film of one scene per frame";
+    args.scenes.note_superimposed(advice).iter().for_each(say);
     let graph = args.projection(keys.as_deref().unwrap_or_default());
     // Encoders subsample the colours of a Y4M by two.
     let even = matches!(destination, Destination::File(_, Format::Y4m));

@@ -1,15 +1,15 @@
 //! Makes unique file names from the cameras' names.
 //!
 //! The list of names determines the file names, so two runs give the same files. Names that are valid file names stay
-//! unchanged. In other names, characters that some system rejects become `_`: separators, control characters, `< > : "
-//! | ? *`, and a leading dot. The names of Windows devices (`CON`, `NUL`, ...) get a leading `_`. An empty name becomes
-//! `camera` and the camera's index. Among equal results, one stays: the first name that was valid, or else the first.
-//! The others get `-` and the camera's index, and then a number, until all differ, ignoring case. A name that is too
-//! long is cut, and ends in `~` and eight digits of the hash of the whole name. [`first_free`] numbers the files that a
-//! window writes.
+//! unchanged, except for a leading `images/`, the usual folder of photographs, which is left out. In other names,
+//! characters that some system rejects become `_`: separators, control characters, `< > : " | ? *`, and a leading dot.
+//! The names of Windows devices (`CON`, `NUL`, ...) get a leading `_`. An empty name becomes `camera` and the camera's
+//! index. Among equal results, one stays: the first name that was valid, or else the first. The others get `-` and the
+//! camera's index, and then a number, until all differ, ignoring case. A name that is too long is cut, and ends in `~`
+//! and eight digits of the hash of the whole name. [`first_free`] numbers the files that a window writes.
 
 use super::file::{OutputError, write_new_bytes};
-use super::terminal::is_harmful;
+use super::terminal::{is_harmful, one_line};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf, is_separator};
 
@@ -54,11 +54,27 @@ pub fn write_first_free(path: impl Fn(u32) -> PathBuf, bytes: &[u8]) -> Result<P
     }
 }
 
+/// Describes the files in a folder with the extension `extension` that are not among `own`, the files that a command
+/// writes there: pictures of an earlier run, which an encoder would take for its own. `None` without such files.
+pub fn others(folder: &Path, extension: &str, own: &HashSet<PathBuf>) -> Option<String> {
+    let is_picture =
+        |path: &PathBuf| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension));
+    let files = folder.read_dir().ok()?.flatten().map(|entry| folder.join(entry.file_name()));
+    let others: Vec<PathBuf> = files.filter(is_picture).filter(|path| !own.contains(path)).collect();
+    let first = others.iter().min()?.file_name()?.to_string_lossy().into_owned();
+    let name = one_line(&first);
+    Some(match others.len() {
+        1 => format!("{}: {name} is not of this run", folder.display()),
+        count => format!("{}: {count} files are not of this run, such as {name}", folder.display()),
+    })
+}
+
 /// Makes a unique file name from each name, without extension, of at most `room` bytes.
 ///
 /// A `room` below [`MIN_ROOM_BYTES`] is raised to it.
 pub fn unique(names: &[String], room: usize) -> Vec<String> {
     let room = room.max(MIN_ROOM_BYTES);
+    let names: Vec<&str> = names.iter().map(|name| name.strip_prefix("images/").unwrap_or(name)).collect();
     let fit: Vec<String> =
         names.iter().enumerate().map(|(index, name)| shortened(&sanitized(name, index), room)).collect();
     let mut taken: HashSet<String> = HashSet::with_capacity(names.len());
@@ -138,6 +154,7 @@ mod tests {
     fn cameras_whose_names_differ_little_or_not_at_all_get_files_of_their_own() {
         assert_eq!(of(&["a", "b.jpg", "Ü 1"]), ["a", "b.jpg", "Ü 1"]);
         assert_eq!(of(&["a/b", "a_b"]), ["a_b-0", "a_b"]);
+        assert_eq!(of(&["images/0001", "images/b/1", "left/images/1"]), ["0001", "b_1", "left_images_1"]);
         assert_eq!(of(&["a-2", "a", "a"]), ["a-2", "a", "a-2-2"]);
         assert_eq!(of(&["a", "A", "a"]), ["a", "A-1", "a-2"]);
         assert_eq!(of(&["", "camera0", "camera0"]), ["camera0-0", "camera0", "camera0-2"]);
