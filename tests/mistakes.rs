@@ -95,6 +95,8 @@ fn mistakes_of_a_beginner_are_answered_with_the_way_to_go() {
         let seen = place.run(&format!("{render} --eye 0,0,-90 --target 0,0,-99{backend}"));
         let errors = String::from_utf8_lossy(&seen.stderr);
         assert!(errors.contains("1 of 1 cameras see no splat: most splats are in the box"), "{errors}");
+        // A panorama has no --fov.
+        assert!(errors.contains("; `--orbit 1`, without --cameras, --eye and --target, frames"), "{errors}");
         let seen = place.run(&format!("{render} --eye 0,0,-90{backend}"));
         assert!(!String::from_utf8_lossy(&seen.stderr).contains("see no splat"));
     }

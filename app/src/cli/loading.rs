@@ -240,15 +240,15 @@ pub fn stray_cameras(cameras: &[Camera], scene: &Scene) -> Option<String> {
     ))
 }
 
-/// Reports that `blind` of `of` cameras see no splat, unless `blind` is 0. If the scene has visible splats, also names
-/// the options that frame it.
-pub fn tell_blind(scene: &Scene, blind: usize, of: usize) {
+/// Reports that `blind` of `of` cameras see no splat, unless `blind` is 0. `framing` names what frames the scene; it is
+/// left out if no splat is visible.
+pub fn tell_blind(scene: &Scene, blind: usize, of: usize, framing: &str) {
     let advice = match blind::is_invisible(scene) {
-        true => "",
-        false => "; `--fov 60`, without --cameras, --eye and --target, frames the scene",
+        true => String::new(),
+        false => format!("; {framing}, without --cameras, --eye and --target, frames the scene"),
     };
     if blind > 0 {
-        say(blind::note(scene, blind, of) + advice);
+        say(blind::note(scene, blind, of) + &advice);
     }
 }
 

@@ -211,7 +211,8 @@ impl Drawer {
         }
         // Cameras of files that are far from the scene were reported when they were read.
         if args.look.has_camera() || loading::stray_cameras(cameras, scene).is_none() {
-            loading::tell_blind(scene, blind, views.len());
+            // A panorama has no --fov.
+            loading::tell_blind(scene, blind, views.len(), "`--orbit 1`");
         }
         Ok(())
     }

@@ -337,7 +337,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     };
     if let Some((drawn, Drawn { gpu_ms, blind })) = told {
-        loading::tell_blind(session.scene(), blind, drawn);
+        loading::tell_blind(session.scene(), blind, drawn, "the same command");
         let line = job.summary(drawn, began.elapsed().as_secs_f64(), gpu_ms);
         Stdout::of([Some(args.output.as_path()), args.write_cameras.as_deref()].into_iter().flatten())
             .line(&line)?;
