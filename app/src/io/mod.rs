@@ -6,6 +6,7 @@ pub(crate) mod folders;
 pub mod image;
 pub mod load;
 pub(crate) mod named_file;
+mod outliers;
 pub mod output;
 pub(crate) mod own_file;
 pub mod program;

@@ -1,5 +1,6 @@
 //! Writes scene files: the format follows from the file's extension, bytes are counted, and losses are listed.
 
+use super::outliers::{self, Outliers};
 use super::output::{self, OutputError};
 use glam::DQuat;
 use splatgraph_assets::{
@@ -218,7 +219,15 @@ pub fn mixed_tags(scene: &Scene) -> Option<String> {
 /// Advises a remedy if there is one. `None` for smaller steps.
 pub fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
     if let Some(steps) = scene.large_steps(format) {
-        return Some(format!("positions: {steps}; write the scene in parts (`--crop`), one file for each"));
+        let advice = match outliers::find(scene, format) {
+            Some(Outliers { count, crop }) => format!(
+                "{} {} far from the others; with `{crop}`, which drops them, the steps are smaller than 99 % of the splats",
+                splats(count),
+                if count == 1 { "is" } else { "are" }
+            ),
+            None => "write the scene in parts (`--crop`), one file for each".into(),
+        };
+        return Some(format!("positions: {steps}; {advice}"));
     }
     if format != SceneFormat::Spz {
         return None;
@@ -313,22 +322,24 @@ fn fraction(step: f64) -> String {
 /// Describes how a scene with this up direction is shown without the tag, and the rotation that turns it upright.
 /// `None` if the direction is within a degree of that of files without a tag.
 pub fn lost_up(up: [f64; 3]) -> Option<String> {
+    let (rotation, degrees) = upright(up)?;
+    let view = if degrees > 135.0 { "is shown upside down" } else { "lies on its side" };
+    let [x, y, z] = up;
+    Some(format!("the tag up {x},{y},{z}: without it, the scene {view}; {rotation} turns it upright"))
+}
+
+/// Formats the rotation that turns a scene with this up direction upright, for readers that assume y down. Also returns
+/// the angle in degrees. `None` if the direction is within a degree of upright.
+pub fn upright(up: [f64; 3]) -> Option<(String, f64)> {
     let turn = match up[1] > 0.999_999 {
         true => DQuat::from_rotation_x(PI),
         false => DQuat::from_rotation_arc(up.into(), FileNotes::UP.into()),
     };
     let (axis, angle) = turn.to_axis_angle();
-    let degrees = angle.to_degrees();
-    let view = if degrees > 135.0 { "is shown upside down" } else { "lies on its side" };
     // `+ 0.0` avoids "-0".
-    let [x, y, z, degrees] = [axis.x, axis.y, axis.z, degrees].map(|v| (v * 1e4).round() / 1e4 + 0.0);
-    (degrees > 1.0).then(|| {
-        format!(
-            "the tag up {},{},{}: without it, the scene {view}; `convert --transform rotate:{x},{y},{z},{degrees}` turns \
-             it upright",
-            up[0], up[1], up[2]
-        )
-    })
+    let [x, y, z, degrees] =
+        [axis.x, axis.y, axis.z, angle.to_degrees()].map(|v| (v * 1e4).round() / 1e4 + 0.0);
+    (degrees > 1.0).then(|| (format!("`convert --transform rotate:{x},{y},{z},{degrees}`"), degrees))
 }
 
 /// Describes how many values a format clips, one phrase for each kind of value; empty for a format that clips none.
