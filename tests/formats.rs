@@ -88,6 +88,13 @@ fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
     let merged = place.done("convert mip.ply merged.ply --merge cut.ply");
     assert!(merged.contains("lost: tags in which the merged scenes differ: low_pass\n"), "{merged}");
     assert!(merged.contains(" % of the 2 originals\n"), "{merged}");
+    let merged = place.done("convert mip.ply merged.ply --merge cut.ply --tag low_pass=mip --tag up=z");
+    assert!(!merged.contains("lost: tags"), "{merged}");
+    let tags = place.done("info merged.ply");
+    assert!(tags.contains("low_pass mip") && tags.contains("up 0,0,1"), "{tags}");
+    let text = place.done("convert cut.ply filtered.spz --tag low_pass=compensated --tag up=0,2,0");
+    assert!(text.contains("lost: the tag up 0,1,0: without it, the scene is shown upside down"), "{text}");
+    assert!(place.done("info filtered.spz").contains("low_pass compensated"));
     let text = place.done("convert scene.ply sorted.compressed.ply");
     assert!(text.contains("lost: the order of the splats: they follow a Morton curve"), "{text}");
     place.refuses(
@@ -106,8 +113,19 @@ fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
             ("scene.ply out.sog --format spz", 2, "--format differs from the extension of out.sog"),
             ("scene.ply out --format spz --format sog", 2, "expected one --format for out, found several"),
             ("scene.ply out.ply --where 'opacity > 2'", 1, "expected --crop and --where to keep a splat"),
-            ("scene.ply out.ply -c none.json", 2, "expected --price with --cameras, found none"),
+            (
+                "scene.ply out.ply -c none.json",
+                2,
+                "expected --price or --write-cameras with --cameras, found none",
+            ),
             ("scene.ply out.ply --size 9x9", 2, "expected --price with --size, found none"),
+            ("scene.ply out.ply --tag low_pass=soft", 2, "expected low_pass=dilated, low_pass=compensated"),
+            ("scene.ply out.ply --tag up=", 2, "expected an axis such as z or -y"),
+            (
+                "scene.ply out.ply -c cameras.json --write-cameras cameras.json",
+                2,
+                "would overwrite the cameras",
+            ),
         ],
     );
 }

@@ -2,12 +2,14 @@
 
 use crate::activation::quantised;
 use crate::bounds::largest;
+use crate::camera::Camera;
 use crate::harmonics::Turn;
 use crate::memory::SceneMemoryError;
 use crate::mesh::Mesh;
+use crate::projection::Projection;
 use crate::scene::{Dropped, FileNotes, Scene, Splat};
 use crate::similarity::Similarity;
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
 /// Spreads the lowest 21 bits of a number, with two zero bits between neighbours.
@@ -20,6 +22,25 @@ fn on_axis(direction: DVec3) -> DVec3 {
     const ROUNDING: f64 = 1e-12;
     let axis = DVec3::from(direction.to_array().map(|v| v.round() + 0.0));
     if axis.distance(direction) < ROUNDING { axis } else { direction }
+}
+
+impl Camera {
+    /// Transforms the camera in world coordinates, so that it sees a transformed scene as it saw the scene before.
+    ///
+    /// Check the result with [`Camera::fault`]: a large transform may move it out of range.
+    #[must_use]
+    pub fn transformed(&self, by: &Similarity) -> Self {
+        let mut moved = self.clone();
+        moved.position = by.point(self.position.into()).into();
+        // The matrices of glam have columns, and the camera's rotation rows.
+        let axes = DMat3::from_cols_array_2d(&self.rotation).transpose();
+        moved.rotation = (DMat3::from_quat(by.rotation) * axes).transpose().to_cols_array_2d();
+        if self.projection == Projection::Orthographic {
+            // The focal lengths are in pixels per unit.
+            (moved.fx, moved.fy) = (self.fx / by.scale, self.fy / by.scale);
+        }
+        moved
+    }
 }
 
 impl Scene {

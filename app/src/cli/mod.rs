@@ -413,7 +413,7 @@ mod tests {
         for (name, heading, count) in [
             ("render", "A camera without a file", 6),
             ("video", "A circle without a file of cameras", 6),
-            ("convert", "Changes, in this order", 7),
+            ("convert", "Changes, in this order", 8),
         ] {
             let options = || {
                 all.find_subcommand(name).expect("a command").get_arguments().filter(|a| !a.is_positional())

@@ -1,14 +1,16 @@
 //! Changes a scene before it is written: joins, moves, crops, selects and orders splats.
 
 use crate::cli::loading;
+use crate::cli::look_at::direction;
 use crate::cli::outcome::Usage;
 use crate::draw::splat_set::SplatSet;
 use crate::io::load::LoadOptions;
+use crate::io::output::one_line;
 use crate::io::scene_file::{self, Original};
 use anyhow::{Result, bail};
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
-use splatgraph_assets::{SH_C0, Scene, Similarity};
+use splatgraph_assets::{Camera, Filter, SH_C0, Scene, Similarity};
 use splatgraph_framework::expr::{Expr, ExprError, Scope};
 use splatgraph_framework::ir::Value;
 use std::path::PathBuf;
@@ -20,6 +22,10 @@ pub struct EditArgs {
     /// Append the splats of another scene; may be repeated
     #[arg(long, value_name = "SCENE")]
     pub merge: Vec<PathBuf>,
+    /// Set a tag, which files of some trainers lack: `low_pass=compensated` (trained with anti-aliasing), `mip` or
+    /// `dilated`, or `up=`, an axis such as z or -y, or a vector; may be repeated
+    #[arg(long, value_name = "NAME=VALUE", value_parser = tag)]
+    tag: Vec<Tag>,
     /// Keep the splats of a selection that the viewer wrote (.json), by their indices in IN and the scenes of --merge
     #[arg(long, value_name = "FILE.json")]
     keep: Option<PathBuf>,
@@ -27,7 +33,7 @@ pub struct EditArgs {
     #[arg(long, value_name = "FILE.json")]
     remove: Option<PathBuf>,
     /// Transform the scene: `scale:S`, `rotate:X,Y,Z,DEGREES` (about an axis through the origin) or `move:X,Y,Z`; may
-    /// be repeated
+    /// be repeated. --write-cameras moves cameras with it
     #[arg(long, value_name = "KIND:NUMBERS", value_parser = transform)]
     transform: Vec<Similarity>,
     /// Keep the splats whose centres are inside: `box:X,Y,Z,X,Y,Z` (two corners) or `sphere:X,Y,Z,RADIUS`
@@ -43,6 +49,13 @@ pub struct EditArgs {
     /// Order of the splats: `file`, or `morton`, which stores neighbours in space near each other
     #[arg(long, value_name = "ORDER", default_value = "file", value_parser = ["file", "morton"])]
     order: String,
+}
+
+/// A tag that a file can store.
+#[derive(Clone, Copy, Debug)]
+enum Tag {
+    LowPass(Filter),
+    Up([f64; 3]),
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -68,6 +81,20 @@ fn numbers<'a>(text: &'a str, kinds: &[(&str, usize, &str)]) -> Result<(&'a str,
     };
     let examples: Vec<&str> = kinds.iter().map(|(_, _, example)| *example).collect();
     parse().ok_or_else(|| format!("expected for instance {}", examples.join(" or ")))
+}
+
+fn tag(text: &str) -> Result<Tag, String> {
+    let filter = |name: &str| {
+        [Filter::Dilated, Filter::Compensated, Filter::Mip].into_iter().find(|filter| filter.name() == name)
+    };
+    match text.split_once('=') {
+        Some(("low_pass", name)) => {
+            let expected = "expected low_pass=dilated, low_pass=compensated or low_pass=mip";
+            filter(name).map(Tag::LowPass).ok_or_else(|| expected.into())
+        }
+        Some(("up", up)) => Ok(Tag::Up(DVec3::from(direction(up)?).normalize().into())),
+        _ => Err("expected low_pass=compensated or up=z, for instance".into()),
+    }
 }
 
 fn transform(text: &str) -> Result<Similarity, String> {
@@ -176,7 +203,8 @@ impl EditArgs {
         self.lists().next().is_some() || self.crop.is_some() || self.condition.is_some()
     }
 
-    /// Appends the scenes of `--merge`. Also returns the properties of `scene` and of each appended scene, in order.
+    /// Appends the scenes of `--merge`, and sets the tags of `--tag`. Also returns the properties of `scene` and of each
+    /// appended scene, in order.
     ///
     /// # Errors
     /// A scene cannot be loaded, or does not fit in memory.
@@ -186,7 +214,36 @@ impl EditArgs {
             all.push(loading::load_scene(path, load)?);
         }
         let originals = all.iter().map(Original::of).collect();
-        Ok((if all.len() == 1 { all.remove(0) } else { Scene::joined(&all)? }, originals))
+        let merged = if all.len() == 1 { all.remove(0) } else { Scene::joined(&all)? };
+        let mut notes = merged.notes();
+        for tag in &self.tag {
+            match *tag {
+                Tag::LowPass(filter) => (notes.low_pass, notes.mixed.low_pass) = (filter, false),
+                Tag::Up(up) => (notes.up, notes.mixed.up) = (Some(up), false),
+            }
+        }
+        Ok((merged.with_notes(notes), originals))
+    }
+
+    /// Applies `--transform` to cameras in world coordinates.
+    ///
+    /// # Errors
+    /// A camera is moved out of the range of cameras.
+    pub fn moved(&self, cameras: Vec<Camera>) -> Result<Vec<Camera>, Usage> {
+        let similarity = self.similarity();
+        let moved = |camera: &Camera| match camera.transformed(&similarity) {
+            moved if moved.fault().is_none() => Ok(moved),
+            moved => Err(Usage(format!(
+                "--transform gives no valid camera {}: {}",
+                one_line(&camera.img_name),
+                moved.fault().unwrap_or_default()
+            ))),
+        };
+        if self.transform.is_empty() { Ok(cameras) } else { cameras.iter().map(moved).collect() }
+    }
+
+    pub fn transforms(&self) -> bool {
+        !self.transform.is_empty()
     }
 
     /// Copies the merged scene with all its splats, and applies `--transform`; `None` if no option selects splats.

@@ -7,6 +7,7 @@ use super::loading;
 use super::options;
 use super::outcome::{Outcome, Usage};
 use super::stdout::Stdout;
+use crate::draw::camera;
 use crate::io::load::LoadOptions;
 use crate::io::output::{OutputGuard, is_standard_output, say};
 use crate::io::progress::Progress;
@@ -29,6 +30,7 @@ const EXAMPLES: &str = "Examples:
   splatgraph convert scene.ply part.spz --crop sphere:0,0,0,2 --where 'opacity > 0.05'
   splatgraph convert scene.ply clean.ply --remove floaters.json
   splatgraph convert scene.ply --price -c cameras.json
+  splatgraph convert scene.ply up.ply --transform rotate:1,0,0,90 -c garden/ --write-cameras up.cameras.json
   splatgraph convert a.ply both.ply --merge b.ply --transform rotate:1,0,0,180";
 
 /// Write a scene in another format, and list what is lost
@@ -59,6 +61,9 @@ pub struct Args {
     /// --json.
     #[arg(long, conflicts_with = "price")]
     strict: bool,
+    /// Write the cameras of --cameras as a cameras.json, moved by --transform as the scene is
+    #[arg(long, value_name = "FILE", conflicts_with = "price", requires = "cameras")]
+    write_cameras: Option<PathBuf>,
     #[command(flatten)]
     price: PriceArgs,
     #[command(flatten)]
@@ -90,7 +95,8 @@ pub(super) fn check_files(args: &Args) -> Result<Option<(&Path, SceneFormat)>, U
     for path in args.edit.lists() {
         guard.input("a selection", path)?;
     }
-    args.price.claim(&mut guard, &args.input)?;
+    args.price.claim(&mut guard, &args.input, args.write_cameras.is_some())?;
+    args.write_cameras.iter().try_for_each(|path| guard.output("--write-cameras", path))?;
     let Some(output) = args.output.as_deref() else { return Ok(None) };
     guard.output("the output", output)?;
     if is_standard_output(output) {
@@ -126,6 +132,20 @@ fn check_extension(output: &Path, format: SceneFormat) -> Result<(), Usage> {
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let output = check_files(args)?;
+    let cameras = match &args.write_cameras {
+        Some(path) => Some((path, args.edit.moved(args.price.cameras()?)?)),
+        None => None,
+    };
+    if cameras.is_none()
+        && args.edit.transforms()
+        && output.is_some()
+        && let Some(file) = camera::beside(&args.input)
+    {
+        let file = file.display();
+        say(format!(
+            "{file} is not moved: `-c {file} --write-cameras FILE` writes the cameras of the transformed scene"
+        ));
+    }
     let loaded = loading::load_scene(&args.input, &args.load)?;
     let (merged, originals) = args.edit.merged(loaded, &args.load)?;
     let paths = [&args.input].into_iter().chain(&args.edit.merge);
@@ -164,6 +184,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         args.spz_version.map(|version| if version == 3 { SpzVersion::V3 } else { SpzVersion::default() });
     let bytes = scene_file::write(&scene, format, version, &tell, output)?;
     drop(progress);
+    if let Some((path, cameras)) = &cameras {
+        options::write_json(path, &serde_json::to_value(cameras)?)?;
+    }
 
     if let Some(file) = args.price.json() {
         let mut all = json!({
@@ -178,7 +201,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
         options::write_json(file, &all)?;
     }
-    let stdout = Stdout::of([Some(output), args.price.json()].into_iter().flatten());
+    let written = [Some(output), args.price.json(), args.write_cameras.as_deref()];
+    let stdout = Stdout::of(written.into_iter().flatten());
     let before = originals[0].1;
     let (path, from, size) = (args.input.display(), &before.format, grouped(before.file_bytes));
     let splats = scene_file::splats(before.count);

@@ -9,7 +9,7 @@ use crate::io::scene_file;
 use crate::studies::price::{self, Found, Price};
 use anyhow::{Error, Result};
 use serde_json::{Value as Json, json};
-use splatgraph_assets::{Scene, SceneFormat, grouped};
+use splatgraph_assets::{Camera, Scene, SceneFormat, grouped};
 use std::path::{Path, PathBuf};
 
 /// Options of `--price`.
@@ -19,7 +19,8 @@ pub struct PriceArgs {
     /// pictures against those of IN, after --merge and --transform, with all its splats and bands
     #[arg(long, conflicts_with_all = ["output", "spz_version"])]
     price: bool,
-    /// Cameras of the pictures of --price [default: the first camera beside the scene, or one that frames the scene]
+    /// Cameras of the pictures of --price [default: the first camera beside the scene, or one that frames the scene], or
+    /// those that --write-cameras moves
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Size of the pictures of --price [default: the cameras']
@@ -31,14 +32,27 @@ pub struct PriceArgs {
 }
 
 impl PriceArgs {
-    pub(super) fn claim(&self, guard: &mut OutputGuard, scene: &Path) -> Result<(), Usage> {
-        if self.price {
+    /// Registers the files of the options. `moves_cameras` is true with `--write-cameras`.
+    pub(super) fn claim(
+        &self,
+        guard: &mut OutputGuard,
+        scene: &Path,
+        moves_cameras: bool,
+    ) -> Result<(), Usage> {
+        if self.price || moves_cameras {
             cameras::claim(guard, self.cameras.as_deref(), Some(scene))?;
         } else {
-            let options = [("--cameras", self.cameras.is_some()), ("--size", self.size.is_some())];
-            refuse_without("--price", &options)?;
+            refuse_without("--price or --write-cameras", &[("--cameras", self.cameras.is_some())])?;
+        }
+        if !self.price {
+            refuse_without("--price", &[("--size", self.size.is_some())])?;
         }
         self.json.as_ref().map_or(Ok(()), |path| Ok(guard.output("--json", path)?))
+    }
+
+    /// Reads the cameras of `--cameras`; empty without it.
+    pub(super) fn cameras(&self) -> Result<Vec<Camera>> {
+        Ok(self.cameras.as_deref().map_or_else(|| Ok(Vec::new()), |spec| cameras::parse(spec, false))?)
     }
 
     pub(super) fn json(&self) -> Option<&Path> {
@@ -62,7 +76,7 @@ impl PriceArgs {
         // Use world coordinates: a format may or may not keep the scene's origin.
         let framing = || loading::framing_at(original, self.size).in_world(original.offset());
         let cameras = given.unwrap_or_else(|| vec![framing()]);
-        let sized = |camera: splatgraph_assets::Camera| match self.size {
+        let sized = |camera: Camera| match self.size {
             Some((width, height)) => camera.resized(width, height),
             None => camera,
         };
