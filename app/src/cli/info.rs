@@ -5,14 +5,17 @@ use super::cameras;
 use super::loading;
 use super::options::{self, Drawing, MemoryArgs};
 use super::outcome::{Outcome, Usage};
+use crate::draw::camera::mean_up;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::{self, Target, Wanted};
 use crate::draw::keys;
 use crate::draw::planner::Planner;
 use crate::draw::storage::{Choice, StorageError};
 use crate::io::load::LoadOptions;
+use crate::io::scene_file;
 use crate::studies::advise::{Description, describe};
 use anyhow::Result;
+use glam::DVec3;
 use serde_json::{Value as Json, json};
 use splatgraph_assets::{Mesh, ScenePart, grouped};
 use splatgraph_framework::dump::{self, Dump};
@@ -62,6 +65,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     // The picture has the size of the first camera.
     let first = given.iter().flatten().next().filter(|_| args.drawing.size.is_none());
     first.map_or(Ok(()), cameras::check_size)?;
+    let up = given.as_deref().filter(|_| args.drawing.cameras.is_some()).and_then(mean_up);
     let in_scene = given.map(|cameras| loading::in_scene(&cameras, &scene));
     let cameras = in_scene.unwrap_or_else(|| vec![loading::framing(&scene)]);
     let Description { report, keys: needs, bands } = describe(&scene, &cameras, 0);
@@ -70,11 +74,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let size = args.drawing.size.unwrap_or(own_size);
     let key_bits = keys::of_scene(&scene.bounds());
     let worksheet = format!(
-        "{}: {}\n{report}{}  default key width     {key_bits} bits (`scene.key_bits`): with float_bits, every view is in the exact order\n{}{}",
+        "{}: {}\n{report}{}  default key width     {key_bits} bits (`scene.key_bits`): with float_bits, every view is in the exact order\n{}{}{}",
         args.scene.display(),
         scene.size_breakdown(),
         keys_text(&needs, 0),
         bands_text(&bands),
+        up.map(|up| up_text(up, scene.up().into())).unwrap_or_default(),
         scene.mesh().map(mesh_text).unwrap_or_default()
     );
     if args.json.is_none() {
@@ -134,6 +139,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             "keys": needs,
             "key_bits": key_bits,
             "bands": bands,
+            "cameras_up": up.map(<[f64; 3]>::from),
             "pipeline": plan.name,
             "scenes": scene.parts().iter().map(part).collect::<Vec<_>>(),
             "storage": chosen.as_ref().map(Choice::json),
@@ -154,6 +160,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
 /// Describes one entry of a list of scenes: its file, and its splats' indices, as in the output `index`.
 fn part(part: &ScenePart) -> Json {
     json!({ "file": options::text_of(&part.file), "first": part.splats.start, "count": part.splats.len() })
+}
+
+/// Describes the mean up direction of the cameras, with the rotation that turns a scene with another one upright.
+fn up_text(up: DVec3, of_scene: DVec3) -> String {
+    let [x, y, z] = up.to_array().map(|v| (v * 1e4).round() / 1e4 + 0.0);
+    let differs = up.angle_between(of_scene).to_degrees() > 1.0;
+    let advice = scene_file::upright(up.into()).filter(|_| differs);
+    let advice =
+        advice.map(|(rotation, _)| format!("; {rotation} turns the scene upright")).unwrap_or_default();
+    format!("  up of the cameras     {x},{y},{z}{advice}\n")
 }
 
 fn mesh_text(mesh: &Mesh) -> String {

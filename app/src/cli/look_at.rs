@@ -1,37 +1,81 @@
 //! Makes cameras from an eye and a target, and circles of cameras.
 
-use super::outcome::Usage;
+use super::cameras;
+use super::outcome::{self, Usage};
+use crate::draw::camera::mean_up;
 use crate::draw::facts;
 use crate::draw::orbit::{self, Orbit};
 use crate::draw::projection;
 use crate::io::output::say;
+use anyhow::Result;
 use glam::DVec3;
 use splatgraph_assets::{Camera, Projection, Scene};
+use std::sync::OnceLock;
 
 /// Options of cameras without a file.
 #[derive(Debug, clap::Args)]
 pub struct LookAtArgs {
     /// Position of the camera, in world coordinates (y points down in most captures) [default: one that frames the
     /// scene]
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
     eye: Option<[f64; 3]>,
     /// Point to look at [default: the middle of the scene; for a panorama, that direction along the horizon]
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
     target: Option<[f64; 3]>,
-    /// World direction that points up in the picture: an axis such as z or -y, or a vector [default: the scene's, or
-    /// -y]
-    #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true, value_parser = direction, conflicts_with = "cameras")]
-    up: Option<[f64; 3]>,
+    /// World direction that points up in the picture: an axis such as z or -y, a vector, or `cameras`, the mean of those
+    /// of --cameras, which are then not drawn [default: the scene's, or -y]
+    #[arg(long, value_name = "AXIS|X,Y,Z|cameras", allow_hyphen_values = true, value_parser = up)]
+    up: Option<Up>,
     /// Horizontal field of view, in degrees: up to 179, or 360 for a fisheye [default: 60 across the longer side]
-    #[arg(long, value_name = "DEGREES", value_parser = angle, conflicts_with = "cameras")]
+    #[arg(long, value_name = "DEGREES", value_parser = angle)]
     fov: Option<f64>,
     /// Height of an orthographic view, in world units [default: that of the perspective view, at the middle of the
     /// scene]
     #[arg(long, value_name = "UNITS", value_parser = height, conflicts_with = "fov")]
     ortho_height: Option<f64>,
     /// Draw N pictures along a circle through --eye with the axis --up, starting at --eye
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000), conflicts_with = "cameras")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     orbit: Option<u32>,
+}
+
+/// The value of `--up`.
+#[derive(Clone, Debug)]
+pub enum Up {
+    Direction([f64; 3]),
+    /// The mean up direction of cameras, once [`Up::read`] has seen them.
+    Cameras(OnceLock<[f64; 3]>),
+}
+
+impl Up {
+    /// Takes the mean up direction of cameras, if this is `--up cameras`.
+    ///
+    /// # Errors
+    /// There are no cameras, or their directions cancel out.
+    pub fn read(&self, cameras: &[Camera]) -> Result<(), Usage> {
+        let Up::Cameras(direction) = self else { return Ok(()) };
+        let expected = "--up cameras: expected cameras with an up direction in common, found";
+        let mean = mean_up(cameras).ok_or_else(|| {
+            let found = if cameras.is_empty() { "no camera" } else { "directions that cancel out" };
+            Usage(format!("{expected} {found}"))
+        })?;
+        direction.get_or_init(|| mean.into());
+        Ok(())
+    }
+
+    /// Returns the direction; `None` for that of cameras that are not read.
+    pub fn direction(&self) -> Option<[f64; 3]> {
+        match self {
+            Up::Direction(direction) => Some(*direction),
+            Up::Cameras(direction) => direction.get().copied(),
+        }
+    }
+}
+
+pub fn up(text: &str) -> Result<Up, String> {
+    match text {
+        "cameras" => Ok(Up::Cameras(OnceLock::new())),
+        _ => direction(text).map(Up::Direction),
+    }
 }
 
 pub fn point(text: &str) -> Result<[f64; 3], String> {
@@ -67,6 +111,33 @@ fn height(text: &str) -> Result<f64, String> {
 }
 
 impl LookAtArgs {
+    /// Checks the options against `--cameras`, and reads the direction of `--up cameras`.
+    ///
+    /// # Errors
+    /// An option replaces the cameras that are given, or the cameras have no up direction in common.
+    pub fn check(&self, cameras: Option<&str>) -> Result<()> {
+        let given = [
+            ("--orbit", self.orbit.is_some()),
+            ("--eye", self.eye.is_some()),
+            ("--target", self.target.is_some()),
+            ("--up", self.up.is_some()),
+            ("--fov", self.fov.is_some()),
+        ];
+        match (&self.up, cameras) {
+            (Some(Up::Cameras(_)), None) => {
+                Err(Usage("expected --cameras with --up cameras, found none".into()).into())
+            }
+            (Some(up @ Up::Cameras(_)), Some(spec)) => Ok(up.read(&cameras::parse(spec, true)?)?),
+            (_, None) => Ok(()),
+            (_, Some(_)) => Ok(outcome::refuse(&given, |option| {
+                format!(
+                    "{option} cannot be used with --cameras, which have views of their own; with `--up cameras`, they give only \
+                     the up direction"
+                )
+            })?),
+        }
+    }
+
     /// Returns the names of the cameras; `None` if the options give neither a camera nor a circle.
     pub fn names(&self) -> Option<Vec<String>> {
         match self.orbit {
@@ -145,7 +216,7 @@ impl LookAtArgs {
         let size = size.unwrap_or_else(|| projection::default_size(projection, facts::DEFAULT_SIZE));
         let local = |place: [f64; 3]| DVec3::from(place) - DVec3::from(scene.offset());
         let target = self.target.map_or_else(|| DVec3::from(scene.robust_bounds().center()), local);
-        let up = self.up.unwrap_or(scene.up());
+        let up = self.up.as_ref().and_then(Up::direction).unwrap_or(scene.up());
         let framed = if turns { Camera::framing_around } else { Camera::framing_upright };
         let fov = self.fov.map(|fov| match projection {
             // With the same wide field of view, a fisheye shows the middle larger than a pinhole does, and could cut
@@ -251,7 +322,7 @@ pub fn on_circle(circle: &Orbit, count: usize) -> Vec<Camera> {
 mod tests {
     use super::*;
     use clap::Parser;
-    use splatgraph_assets::{Similarity, synth};
+    use splatgraph_assets::{FileNotes, Similarity, synth};
 
     #[derive(Debug, Parser)]
     struct Line {
@@ -362,6 +433,24 @@ mod tests {
     }
 
     #[test]
+    fn up_can_be_that_of_cameras_which_are_not_drawn() {
+        let scene = synth::generate("uniform", 50, 0).unwrap();
+        let up = [0.6, 0.0, 0.8];
+        let around = [[3.0, 0.0, 0.0], [0.0, 3.0, 0.0], [-3.0, 0.0, 0.0], [0.0, -3.0, 0.0]];
+        let given = around.map(|eye| Camera::looking_at_upright(eye, [0.0; 3], up, 60.0, (64, 48)));
+        let look = parse("--orbit 3 --up cameras").unwrap();
+        let level = mean_up(&given).unwrap();
+        look.check(Some(&serde_json::to_string(&given).unwrap())).unwrap();
+        let drawn = look.cameras(&scene, None, Projection::Pinhole).unwrap().unwrap();
+        let right = |camera: &Camera| DVec3::from(camera.axes()[0]);
+        assert!(drawn.len() == 3 && drawn.iter().all(|camera| right(camera).dot(level).abs() < 1e-6));
+        assert!(
+            right(&drawn[0]).dot(DVec3::from(FileNotes::UP)).abs() > 1e-3,
+            "the scene's own up is another"
+        );
+    }
+
+    #[test]
     fn the_options_of_each_projection_are_checked_against_it() {
         let scene = synth::generate("uniform", 50, 0).unwrap();
         let made = |words: &str, projection| {
@@ -419,7 +508,15 @@ mod tests {
         );
         assert!(parse("--ortho-height 2 --fov 30").unwrap_err().contains("cannot be used with"));
         assert!(parse("--ortho-height 0").unwrap_err().contains("expected a positive number of world units"));
-        assert!(parse("--cameras a.json --eye 1,2,3").unwrap_err().contains("cannot be used with"));
+        let check =
+            |words: &str, cameras| parse(words).unwrap().check(cameras).map_err(|error| error.to_string());
+        let said = check("--eye 1,2,3", Some("a.json")).unwrap_err();
+        assert!(said.starts_with("--eye cannot be used with --cameras"), "{said}");
+        assert_eq!(
+            check("--up cameras", None).unwrap_err(),
+            "expected --cameras with --up cameras, found none"
+        );
+        assert_eq!(check("--up z --orbit 2", None), Ok(()));
         assert!(parse("").unwrap().names().is_none());
     }
 }

@@ -2,6 +2,7 @@
 
 use super::cameras;
 use super::loading;
+use super::look_at::{self, Up};
 use super::options::{self, BackendArgs, Drawing, MemoryArgs};
 use super::outcome::{Outcome, Usage};
 use crate::draw::camera;
@@ -36,13 +37,16 @@ const EXAMPLES: &str = "Examples:
 
 Mouse: drag orbits, Shift + drag pans, the wheel zooms; the right button and W A S D fly. F frames the scene, F1 lists the rest.";
 
+const CAMERAS: &str = "Cameras to look through: a COLMAP folder, a transforms.json, a cameras.json or a glTF file; `#2` or `#NAME` selects one, `#front/*` those whose names begin with `front/` [default: all cameras of the file beside the scene]";
+
 /// Open a window on a scene, and edit its renderer live
 ///
 /// The graph, its includes and its shaders are reloaded when a file changes. A graph in the working directory or its
 /// pipelines/ folder takes precedence over a built-in one of the same name. The graph's parameters become controls. An
-/// error is shown over the last good picture until you correct it. Without --cameras, all cameras of the file beside
-/// the scene are loaded. --size is the size of the window, 1600x900 by default.
+/// error is shown over the last good picture until you correct it.
 #[derive(Debug, clap::Args)]
+#[command(mut_arg("cameras", |arg| arg.help(CAMERAS).long_help(None)))]
+#[command(mut_arg("size", |arg| arg.help("Size of the window [default: 1600x900]").long_help(None)))]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     #[arg(help = options::optional_scene_help())]
@@ -57,10 +61,10 @@ pub struct Args {
     /// Background colour, display-encoded, 0 to 1
     #[arg(long, value_name = "R,G,B|#RRGGBB", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     background: [f32; 3],
-    /// World direction that points up: an axis such as z or -y, or a vector [default: the cameras', else the scene's,
-    /// or -y]
-    #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true, value_parser = super::look_at::direction)]
-    up: Option<[f64; 3]>,
+    /// World direction that points up: an axis such as z or -y, a vector, or `cameras`, the mean of the cameras'; files
+    /// that the window writes get it as a tag [default: the cameras', else the scene's, or -y, and no tag]
+    #[arg(long, value_name = "AXIS|X,Y,Z|cameras", allow_hyphen_values = true, value_parser = look_at::up)]
+    up: Option<Up>,
     /// Compare with another graph
     #[arg(long, value_name = "NAME")]
     compare: Option<String>,
@@ -262,6 +266,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let cameras = args.drawing.given_cameras()?;
     let files = args.scene.as_deref().map_or_else(Vec::new, opening::files);
     let (scene, cameras) = scene_and_cameras(args, cameras)?;
+    args.up.as_ref().map_or(Ok(()), |up| up.read(&cameras))?;
     let events = args.events.as_deref().map(Log::create).transpose()?;
     let (pipeline, mut set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
     set.extend(storage(args, &scene.0, &scene.1)?);
@@ -367,7 +372,7 @@ fn set_up(args: &Args, shell: &mut Shell, (width, _): (u32, u32)) -> Result<()> 
         });
     }
     let viewer = &mut shell.viewer;
-    if let Some(up) = args.up {
+    if let Some(up) = args.up.as_ref().and_then(Up::direction) {
         viewer.set_up(up);
     }
     viewer.set_load_options(args.load);

@@ -165,6 +165,14 @@ fn origin(camera: &Camera, depth: [f64; 2]) -> [f64; 3] {
     std::array::from_fn(|axis| camera.position[axis] + 0.5 * (near + far) * forward[axis])
 }
 
+/// Computes the mean up direction of the cameras, of length 1. `None` without cameras, or if the directions cancel out.
+pub fn mean_up(cameras: &[Camera]) -> Option<DVec3> {
+    let ups = cameras.iter().map(|camera| -DVec3::from(camera.axes()[1])).filter(|up| up.is_finite());
+    let sum: DVec3 = ups.sum();
+    // A shorter sum means that the directions cancel out, apart from rounding errors.
+    (sum.length() > 1e-3 * cameras.len() as f64).then(|| sum.normalize())
+}
+
 /// Finds the camera file that belongs to a scene; `None` if there is none.
 ///
 /// For a scene `NAME.EXT` or `NAME.compressed.ply`, searches for `NAME.cameras.json`, then for `cameras.json` in the
@@ -268,5 +276,20 @@ mod tests {
         assert!(near == NEAR && far > 4.0 && far < 4.0001, "{near} {far}");
         let behind = Bounds { min: [-9.0; 3], max: [0.0; 3] };
         assert_eq!(depth_range(&sideways(), &behind), [NEAR, NEAR]);
+    }
+
+    #[test]
+    fn up_is_the_mean_of_the_cameras_unless_they_cancel_out() {
+        let level = Camera::looking_at([0.0; 3], [0.0, 0.0, 5.0], 60.0, (800, 600));
+        assert!(mean_up(&[level.clone(), level.clone()]).unwrap().distance(DVec3::NEG_Y) < 1e-12);
+        let mut on_its_side = level.clone();
+        on_its_side.rotation =
+            glam::DMat3::from_rotation_z(0.5 * std::f64::consts::PI).transpose().to_cols_array_2d();
+        let mean = mean_up(&[level.clone(), on_its_side]).unwrap();
+        assert!((mean.length() - 1.0).abs() < 1e-12 && (mean.x - 0.5f64.sqrt()).abs() < 1e-9, "{mean}");
+        let mut over = level.clone();
+        over.rotation = glam::DMat3::from_rotation_z(std::f64::consts::PI).transpose().to_cols_array_2d();
+        assert_eq!(mean_up(&[level, over]), None);
+        assert_eq!(mean_up(&[]), None);
     }
 }

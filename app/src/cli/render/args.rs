@@ -179,7 +179,8 @@ pub fn prepare(args: &Args) -> Result<Work> {
     // A camera of `LookAtArgs` replaces the camera beside the scene.
     let looking = args.look.names();
     let scene = args.scenes.scene.as_deref().filter(|_| looking.is_none());
-    let given = args.drawing.cameras(scene)?;
+    args.look.check(args.drawing.cameras.as_deref())?;
+    let given = if looking.is_none() { args.drawing.cameras(scene)? } else { None };
     let own = || match args.scenes.scene.as_deref() {
         // The camera that frames a scene: pictures of several scenes in a folder need different names.
         Some(scene) if given.is_none() => vec![names::of_scene(scene)],

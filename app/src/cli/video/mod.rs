@@ -147,13 +147,13 @@ pub(super) struct Work {
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     let destination = destination(args)?;
     let frames = frames(args)?;
-    // clap cannot check this: it waives `requires` if an option of the circle is given, which conflicts with --cameras.
-    if args.closed && args.drawing.cameras.is_none() {
+    args.look.check(args.drawing.cameras.as_deref())?;
+    let keys = if args.look.names().is_none() { args.drawing.given_cameras()? } else { None };
+    if args.closed && keys.is_none() {
         bail!(Usage(
             "expected --cameras with --closed, found none; a circle always returns to its start".into()
         ));
     }
-    let keys = args.drawing.given_cameras()?;
     if let Some(keys) = &keys {
         check_keys(args, keys)?;
         keys.iter().filter(|_| args.drawing.size.is_none()).try_for_each(cameras::check_size)?;

@@ -611,14 +611,6 @@ impl Navigation {
     }
 }
 
-/// Computes the mean up direction of the cameras, of length 1. `None` without cameras, or if the directions cancel out.
-pub fn mean_up(cameras: &[Camera]) -> Option<DVec3> {
-    let ups = cameras.iter().map(|camera| -DVec3::from(camera.axes()[1])).filter(|up| up.is_finite());
-    let sum: DVec3 = ups.sum();
-    // A shorter sum means that the directions cancel out, apart from rounding errors.
-    (sum.length() > 1e-3 * cameras.len() as f64).then(|| sum.normalize())
-}
-
 /// Returns the bounds, or a point if they are not finite; and their size, limited, or 1 for a point.
 fn usable(bounds: &Bounds) -> (Bounds, f64) {
     let finite = bounds.min.iter().chain(&bounds.max).all(|v| v.is_finite());

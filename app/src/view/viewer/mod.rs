@@ -8,13 +8,14 @@ use super::cameras::Views;
 use super::events::{Event, RendererId};
 use super::export::Exporter;
 use super::latest::Latest;
-use super::navigation::{self, Navigation};
+use super::navigation::Navigation;
 use super::opening::{self, CameraRole, Opening};
 use super::paint::{Mode, Shown};
 use super::profile::zone;
 use super::renderer::{self, Choice, PlanInputs, Renderer, Wake};
 use super::viewport::{View, Viewport};
 use crate::draw::backend::Backend;
+use crate::draw::camera::mean_up;
 use crate::draw::camera_path::{self, CameraPath, Playback};
 use crate::draw::pick::{Picked, pick};
 use crate::draw::splat_set::Masked;
@@ -366,7 +367,7 @@ impl Viewer {
     /// The navigation's up direction becomes the mean of the cameras', or the scene's if they cancel out.
     pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
         if let Some(camera) = cameras.first() {
-            let up = navigation::mean_up(&cameras).unwrap_or_else(|| self.scene().up().into());
+            let up = mean_up(&cameras).unwrap_or_else(|| self.scene().up().into());
             self.navigation = Navigation::new(&self.subject.whole.robust_bounds(), camera, up);
         }
         self.camera = if cameras.is_empty() { None } else { Some(0) };

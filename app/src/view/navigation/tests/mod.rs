@@ -292,20 +292,6 @@ fn framing_and_home_keep_a_field_of_view_that_was_set_and_a_camera_brings_its_ow
 }
 
 #[test]
-fn up_is_the_mean_of_the_cameras_or_the_references() {
-    let level = Camera::looking_at([0.0; 3], [0.0, 0.0, 5.0], 60.0, PIXELS);
-    assert!(close(mean_up(&[level.clone(), level.clone()]).unwrap(), DEFAULT_UP, 1e-12));
-    let mut on_its_side = level.clone();
-    on_its_side.rotation = DMat3::from_rotation_z(0.5 * std::f64::consts::PI).transpose().to_cols_array_2d();
-    let mean = mean_up(&[level.clone(), on_its_side]).unwrap();
-    assert!((mean.length() - 1.0).abs() < 1e-12 && (mean.x - 0.5f64.sqrt()).abs() < 1e-9, "{mean}");
-    let mut over = level.clone();
-    over.rotation = DMat3::from_rotation_z(std::f64::consts::PI).transpose().to_cols_array_2d();
-    assert_eq!(mean_up(&[level, over]), None);
-    assert_eq!(mean_up(&[]), None);
-}
-
-#[test]
 fn another_up_is_turned_about_and_one_without_a_direction_is_ignored() {
     let with_up = |up| Navigation::new(&bounds(), &start(), up);
     let mut navigation = with_up(DVec3::new(0.0, 0.0, 2.0));
