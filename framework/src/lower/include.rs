@@ -40,6 +40,7 @@ pub(super) struct Written<'a> {
     pub name: &'a str,
     pub with: &'a IndexMap<String, Reference>,
     pub set: &'a IndexMap<String, Number>,
+    pub expose: &'a Expose,
     pub place: &'a Place,
 }
 
@@ -53,7 +54,6 @@ impl Lowering<'_> {
         if self.includes.len() > MAX_DEPTH {
             return Err(graph_place.error(
                 format!("includes are nested deeper than {MAX_DEPTH}"),
-    pub expose: &'a Expose,
                 "the limit is exceeded here",
             ));
         }
@@ -86,6 +86,7 @@ impl Lowering<'_> {
             return Ok(());
         }
         let (names, params) = self.include_params(level, opened, &parameters, include)?;
+        self.check_other_graphs(opened, include)?;
         let full = format!("{}{name}{}", level.prefix, level.suffix);
         let span = place.field("name").span();
         check_identifier(name, "an include", span)?;
@@ -99,7 +100,6 @@ impl Lowering<'_> {
         let mut inner = self.level(opened, scope, prefix);
         if self.errors.len() > before {
             return Ok(());
-        self.check_other_graphs(opened, include)?;
         }
         let mut include = LoweredInclude { name: full, span, parent: level.include, given: Vec::new() };
         if let Some(unknown) = with.keys().find(|k| !opened.graph.ports.contains_key(*k)) {
@@ -205,14 +205,6 @@ impl Lowering<'_> {
         level.given.extend(decided.into_iter().map(|(name, params)| (format!("{include}.{name}"), params)));
     }
 
-    /// Resolves an included graph's parameters. Exposed parameters have the includer's value. The others have the value
-    /// in `set`, or else the value from the included graph's preset or declaration.
-    fn include_params(
-        &self,
-        level: &Level,
-        opened: &Opened,
-        parameters: &declared::Parameters,
-        include: &Written,
     /// Checks that the graphs of an included choice that are not drawn have the parameters in `set` and `expose`, too.
     /// Other devices draw them.
     fn check_other_graphs(&mut self, drawn: &Opened, include: &Written) -> Result<(), Diagnostic> {
@@ -246,6 +238,14 @@ impl Lowering<'_> {
         Ok(())
     }
 
+    /// Resolves an included graph's parameters. Exposed parameters have the includer's value. The others have the value
+    /// in `set`, or else the value from the included graph's preset or declaration.
+    fn include_params(
+        &self,
+        level: &Level,
+        opened: &Opened,
+        parameters: &declared::Parameters,
+        include: &Written,
     ) -> Result<(Names, Vec<Param>), Diagnostic> {
         let Written { set, place, .. } = *include;
         if let Some((name, setting)) =
