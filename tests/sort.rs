@@ -77,7 +77,7 @@ pub fn plan(
     set: &[(String, String)],
 ) -> Result<Plan, GraphErrors> {
     let host = [("scene.count".into(), Value::Int(capacity.into()))].into();
-    let facts = Facts { device: *device, host };
+    let facts = Facts { host, ..(*device).into() };
     let catalog = Catalog { uniforms: [("test.run".to_string(), 16)].into(), ..Catalog::default() };
     let graph = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/sort_only.ron");
     planner.plan(graph, set, &facts, &catalog)

@@ -62,6 +62,8 @@ pub struct Plan {
     pub output: ResourceId,
     /// Images requested besides the output. The export leaves them in the same layout as the output.
     pub outputs: Vec<Output>,
+    /// Names of the images that can be requested, in the order of the graph.
+    pub offered: Vec<String>,
     /// Statistics: 32-bit words of buffers. The export copies them in order to the resource with [`Source::Readback`],
     /// where the host reads them in the last pass of the frame, [`Work::Host`](crate::ir::Work::Host). A plan without
     /// statistics has neither that resource nor that pass.

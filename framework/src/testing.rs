@@ -136,7 +136,7 @@ pub fn facts() -> Facts {
         rounds_half: false,
         ..DeviceFacts::typical(8)
     };
-    Facts { device, host: ints.map(|(k, v)| (k.to_string(), Value::Int(v))).into() }
+    Facts { host: ints.map(|(k, v)| (k.to_string(), Value::Int(v))).into(), ..device.into() }
 }
 
 pub fn catalog() -> Catalog {

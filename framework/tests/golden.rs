@@ -78,7 +78,7 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>, compile
         max_invocations: u32::MAX,
         ..DeviceFacts::typical(8)
     };
-    let mut facts = Facts { device, host: host.into() };
+    let mut facts = Facts { host: host.into(), ..device.into() };
     let (mut graph, mut set, mut effects) = (name.to_string(), Vec::new(), false);
     let mut memory = shared.clone();
     for (number, file) in section.split("//// file: ").enumerate() {

@@ -24,7 +24,7 @@ use crate::common::{self, long};
 fn facts() -> Facts {
     let ints = [("scene.count", 1000), ("viewport.width", 16), ("viewport.height", 8)];
     let device = DeviceFacts { shared_bytes: u32::MAX, max_invocations: u32::MAX, ..DeviceFacts::typical(8) };
-    Facts { device, host: ints.map(|(name, value)| (name.to_string(), Value::Int(value))).into() }
+    Facts { host: ints.map(|(name, value)| (name.to_string(), Value::Int(value))).into(), ..device.into() }
 }
 
 /// Builds the graph of these files. Errors are formatted as for a user.

@@ -7,6 +7,7 @@ use crate::draw::camera::{CAMERA, CAMERA_BYTES};
 use crate::draw::keys;
 use splatgraph_assets::{ATTRIBUTES, Filter, MESH_ATTRIBUTES, Scene, SortKey, Splat};
 use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Features, Value};
+use std::collections::BTreeMap;
 
 /// Default width and height of a picture, in pixels.
 pub const DEFAULT_SIZE: (u32, u32) = (960, 540);
@@ -89,6 +90,9 @@ pub fn facts(scene: &SceneFacts, device: &DeviceFacts, size: (u32, u32)) -> Fact
     facts.host.extend(bools.map(|(name, value)| (name.to_owned(), Value::Bool(value))));
     let texts = [("scene.low_pass", scene.low_pass.name()), ("scene.key_of", scene.key_of.name())];
     facts.host.extend(texts.map(|(name, text)| (name.to_owned(), Value::Text(text.to_owned()))));
+    let all = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
+    facts.texts.insert("scene.low_pass".into(), all(&Filter::ALL.map(Filter::name)));
+    facts.texts.insert("scene.key_of".into(), all(&SortKey::ALL.map(SortKey::name)));
     facts
 }
 
@@ -103,6 +107,7 @@ pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts
     Facts {
         device: *device,
         host: viewport.map(|(name, value)| (name.to_owned(), Value::Int(value.into()))).into(),
+        texts: BTreeMap::new(),
     }
 }
 

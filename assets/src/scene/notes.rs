@@ -18,6 +18,9 @@ pub enum Filter {
 }
 
 impl Filter {
+    /// All filters.
+    pub const ALL: [Filter; 3] = [Filter::Dilated, Filter::Compensated, Filter::Mip];
+
     /// Returns the value of the graphs' parameter `low_pass`.
     pub fn name(self) -> &'static str {
         match self {
@@ -40,6 +43,9 @@ pub enum SortKey {
 }
 
 impl SortKey {
+    /// All quantities.
+    pub const ALL: [SortKey; 2] = [SortKey::Depth, SortKey::Distance];
+
     /// Returns the value of the graphs' parameter `key_of`.
     pub fn name(self) -> &'static str {
         match self {

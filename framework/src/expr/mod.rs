@@ -27,10 +27,12 @@ mod parse;
 mod tests;
 mod tree;
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::ir::Value;
 pub(crate) use eval::name_unknown_in;
+pub(crate) use tree::ImpossibleText;
 pub use tree::{ExprError, Scope};
 
 /// A parsed expression.
@@ -62,12 +64,24 @@ impl Expr {
         names.into_iter()
     }
 
-    /// Lists the comparisons of a name with a literal text, such as `mode == 'fast'`: the name, the text, and the place
-    /// of the text with its quotes.
-    pub fn comparisons(&self) -> impl Iterator<Item = (&str, &str, Range<usize>)> {
-        let mut found = Vec::new();
-        self.root.collect_comparisons(&mut found);
-        found.into_iter()
+    /// Returns the error for the first name that the scope does not have, also in an operand that [`Expr::eval`] would
+    /// skip.
+    pub(crate) fn unknown_name(&self, scope: &dyn Scope) -> Option<ExprError> {
+        eval::first_unknown(&self.root, scope)
+    }
+
+    /// Finds a comparison with a literal text that the other operand cannot be, such as `mode == 'fsat'`. `texts` has
+    /// the possible texts of names.
+    pub(crate) fn impossible_text(
+        &self,
+        texts: &BTreeMap<String, Vec<String>>,
+    ) -> Option<ImpossibleText<'_>> {
+        self.root.impossible_text(texts)
+    }
+
+    /// Lists the possible texts of the expression, from those of names; `None` if it can be something else.
+    pub(crate) fn texts(&self, texts: &BTreeMap<String, Vec<String>>) -> Option<Vec<String>> {
+        self.root.texts(texts)
     }
 
     /// Lists the values of the largest subexpressions that need no name: 49152 and 2 for `48 << 10 < 2 * n`.

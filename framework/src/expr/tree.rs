@@ -35,6 +35,11 @@ pub trait Scope {
     /// Returns the value of a name; `None` for an unknown name.
     fn get(&self, name: &str) -> Option<Value>;
 
+    /// Returns true for a known name.
+    fn has(&self, name: &str) -> bool {
+        self.get(name).is_some()
+    }
+
     /// Lists every name, to suggest the nearest one for an unknown name.
     fn names(&self) -> Vec<String>;
 }
@@ -47,6 +52,18 @@ impl Scope for BTreeMap<String, Value> {
     fn names(&self) -> Vec<String> {
         self.keys().cloned().collect()
     }
+}
+
+/// A comparison with a text that the other operand cannot be.
+#[derive(Debug)]
+pub(crate) struct ImpossibleText<'a> {
+    /// Place of the other operand.
+    pub operand: Range<usize>,
+    pub text: &'a str,
+    /// Place of the text, with its quotes.
+    pub place: Range<usize>,
+    /// The possible texts of the other operand.
+    pub expected: Vec<String>,
 }
 
 /// A node of the tree, with its place in the text, without enclosing parentheses.
@@ -100,19 +117,37 @@ impl Node {
         }
     }
 
-    /// Collects comparisons of a name with a literal text, by `==` or `!=`: the name, the text, and the text's place.
-    pub fn collect_comparisons<'a>(&'a self, found: &mut Vec<(&'a str, &'a str, Range<usize>)>) {
+    /// Finds a comparison with a text that the other operand cannot be; see [`super::Expr::impossible_text`].
+    pub fn impossible_text(&self, texts: &BTreeMap<String, Vec<String>>) -> Option<ImpossibleText<'_>> {
         if let NodeKind::Binary(BinaryOp::Equal | BinaryOp::NotEqual, operands) = &self.kind {
             let [left, right] = &**operands;
-            for (name, text) in [(left, right), (right, left)] {
-                if let (NodeKind::Name(name), NodeKind::Literal(Value::Text(value))) =
-                    (&name.kind, &text.kind)
+            for (operand, literal) in [(left, right), (right, left)] {
+                if let NodeKind::Literal(Value::Text(text)) = &literal.kind
+                    && !matches!(operand.kind, NodeKind::Literal(_))
+                    && let Some(expected) = operand.texts(texts).filter(|all| !all.contains(text))
                 {
-                    found.push((name, value, text.place()));
+                    let (operand, place) = (operand.place(), literal.place());
+                    return Some(ImpossibleText { operand, text, place, expected });
                 }
             }
         }
-        self.operands().iter().for_each(|n| n.collect_comparisons(found));
+        self.operands().iter().find_map(|operand| operand.impossible_text(texts))
+    }
+
+    /// Lists the possible texts of the node; see [`super::Expr::texts`].
+    pub fn texts(&self, texts: &BTreeMap<String, Vec<String>>) -> Option<Vec<String>> {
+        match &self.kind {
+            NodeKind::Literal(Value::Text(text)) => Some(vec![text.clone()]),
+            NodeKind::Name(name) => texts.get(name).cloned(),
+            NodeKind::Conditional(parts) => {
+                let [_, yes, no] = &**parts;
+                let mut all = yes.texts(texts)?;
+                let others = no.texts(texts)?;
+                all.extend(others.into_iter().filter(|text| !all.contains(text)).collect::<Vec<_>>());
+                Some(all)
+            }
+            _ => None,
+        }
     }
 
     pub fn collect_names<'a>(&'a self, names: &mut Vec<(&'a str, Range<usize>)>) {

@@ -15,6 +15,8 @@ pub struct Facts {
     /// Facts of the scene and the viewport by full name, such as `scene.count`; also the requested outputs
     /// ([`OUTPUTS`]).
     pub host: BTreeMap<String, Value>,
+    /// Possible values of facts that are texts, by full name. A comparison with another text is an error.
+    pub texts: BTreeMap<String, Vec<String>>,
 }
 
 impl Facts {
@@ -27,7 +29,7 @@ impl Facts {
 
 impl From<DeviceFacts> for Facts {
     fn from(device: DeviceFacts) -> Facts {
-        Facts { device, host: BTreeMap::new() }
+        Facts { device, host: BTreeMap::new(), texts: BTreeMap::new() }
     }
 }
 

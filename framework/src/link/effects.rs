@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::linker::{self, LinkedPass, Linker, MAX_COMPILATIONS, PassParams};
-use crate::ir::{LIVE_BLOCK, ParamSet, ReflectedKind, ShaderId, ShaderStage, Stages};
-use crate::lower::{Lowered, LoweredPass, RemovedPass};
+use crate::ir::{FileId, LIVE_BLOCK, ParamSet, ReflectedKind, ShaderId, ShaderStage, Stages};
+use crate::lower::{Lowered, LoweredPass, RemovedPass, ShaderName};
 use crate::shader::{ShaderCompiler, ShaderRequest};
 use crate::source::{Kind, SourceMap};
 
@@ -38,6 +38,13 @@ fn behind<'a>(
     constants.iter().filter(|(name, _)| names.contains(*name)).flat_map(|(_, params)| params)
 }
 
+/// Lists the shaders of removed passes that have no file, each once.
+pub(super) fn missing<'a>(lowered: &'a Lowered, files: &mut SourceMap) -> Vec<&'a (FileId, ShaderName)> {
+    let mut seen = BTreeSet::new();
+    let distinct = lowered.removed_shaders.iter().filter(|(file, shader)| seen.insert((*file, &shader.name)));
+    distinct.filter(|(file, shader)| files.find(Some(*file), &shader.name, Kind::Shader).is_err()).collect()
+}
+
 /// Lists, for each removed pass, the parameters that its shaders mention. Empty if every parameter has an effect,
 /// because the list only explains parameters without one. Shaders after the first [`MAX_COMPILATIONS`] count as
 /// mentioning none.
@@ -62,7 +69,7 @@ pub(super) fn mentioned(
             return ParamSet::new();
         }
         let names = known.entry(key).or_insert_with(|| {
-            // The shader of a removed pass is not compiled, so it is no error if its file is missing.
+            // [`missing`] lists it.
             let Ok(file) = files.find(Some(removed.file), name, Kind::Shader) else {
                 return BTreeSet::new();
             };

@@ -14,9 +14,9 @@ mod shaders;
 use std::collections::HashMap;
 
 use crate::ir::{Accesses, DrawCall, Groups, Pass, Request, Run, ShaderId, ShaderStage, Stages, Work};
-use crate::lower::{Lowered, LoweredPass};
+use crate::lower::{Lowered, LoweredPass, ShaderName};
 use crate::shader::{CANCELLED, ShaderCompiler};
-use crate::source::{Diagnostic, SourceMap};
+use crate::source::{Diagnostic, Kind, SourceMap};
 pub use linker::{Linked, LinkedPass, PassParams};
 use linker::{Linker, touch};
 use shaders::count_compilations;
@@ -64,8 +64,18 @@ pub fn link(
     if !errors.is_empty() {
         return Err(Diagnostic::distinct(errors));
     }
-    // Uncompiled shaders only affect messages: the plan does not depend on their files.
-    let mentioned = files.aside(|files| effects::mentioned(&lowered, &passes, files, compiler));
+    // The shaders of removed passes must exist, but their texts only affect messages: the plan does not depend on them.
+    let (missing, mentioned) = files.aside(|files| {
+        (effects::missing(&lowered, files), effects::mentioned(&lowered, &passes, files, compiler))
+    });
+    // Found again in vain, the paths count as looked at: a new file there mends the error.
+    let error = |(file, shader): &(_, ShaderName)| {
+        Some(files.find(Some(*file), &shader.name, Kind::Shader).err()?.at(shader.span))
+    };
+    let missing: Vec<Diagnostic> = missing.into_iter().filter_map(error).collect();
+    if !missing.is_empty() {
+        return Err(missing);
+    }
     lowered.removed.iter_mut().zip(mentioned).for_each(|(removed, params)| removed.named.extend(params));
     lowered.plan.shaders = shaders;
     Ok(Linked { lowered, passes })

@@ -2,8 +2,9 @@
 
 use super::lowered::{RemovedPass, RemovedUse};
 use super::lowering::{Handle, Level, Lowering};
+use super::removed::Parts;
 use crate::ir::{Culled, ParamSet, Reason};
-use crate::schema::{Call, Expression, Number, Part, PassDecl, Reference, ResourceName, Size, is_choice};
+use crate::schema::{Expression, Number, Part, PassDecl, ResourceName, is_choice};
 use crate::source::{Diagnostic, Place};
 
 struct False<'a> {
@@ -17,7 +18,7 @@ impl Lowering<'_> {
     /// Evaluates the `when` of a pass or an include; true if there is none. If it is false, lists the pass as culled.
     pub(super) fn wanted(
         &mut self,
-        level: &Level,
+        level: &mut Level,
         when: &Option<Number>,
         pass: &PassDecl,
         place: &Place,
@@ -56,26 +57,27 @@ impl Lowering<'_> {
     }
 
     /// Lists a pass or an include as culled, and records the resources and parameters that it would have used.
-    fn leave_out(&mut self, level: &Level, pass: &PassDecl, place: &Place, why: &False) {
-        let Some(Parts { name, users, numbers, shaders }) = Parts::of(pass) else { return };
+    fn leave_out(&mut self, level: &mut Level, pass: &PassDecl, place: &Place, why: &False) {
+        self.check_removed(level, pass, place);
+        let Some(Parts { name, users, numbers, shaders }) = Parts::of(pass, place) else { return };
         let name = format!("{}{name}{}", level.prefix, level.suffix);
         let condition = match why.condition {
             Number::Expression(expression) => expression.line(),
             Number::Literal(value) => value.to_string(),
         };
-        for user in &users {
-            for id in self.look_up(level, user, why.at).ok().flatten().unwrap_or_default() {
+        for (user, at) in &users {
+            for id in self.look_up_removed(level, user, at).unwrap_or_default() {
                 let (pass, when) = (name.clone(), why.at.span());
                 self.lowered.unwritten.push(RemovedUse { resource: id, pass, when });
             }
         }
-        let chooses = shaders.iter().filter(|shader| is_choice(&shader.text));
-        let chosen: Vec<ParamSet> = chooses.map(|shader| level.names.named(shader)).collect();
-        let shader = |text: &Expression| self.shader(level, text, why.at).ok().map(|shader| shader.name);
+        let chooses = shaders.iter().filter(|(shader, _)| is_choice(&shader.text));
+        let chosen: Vec<ParamSet> = chooses.map(|(shader, _)| level.names.named(shader)).collect();
+        let shader = |(text, at): (&Expression, Place)| Some(self.shader(level, text, &at).ok()?.name);
         let shaders = shaders.into_iter().filter_map(shader).collect();
-        let numbers = numbers.into_iter().flat_map(|number| level.names.named_by(number));
+        let numbers = numbers.into_iter().flat_map(|(number, _)| level.names.named_by(number));
         let numbers = numbers.chain(chosen.into_iter().flatten());
-        let choices = users.iter().flat_map(|user| level.names.named_by_choice(user));
+        let choices = users.iter().flat_map(|(user, _)| level.names.named_by_choice(user));
         let exposed = match pass {
             PassDecl::Include { .. } => level.exposed.get(&place.id()),
             _ => None,
@@ -94,54 +96,5 @@ impl Lowering<'_> {
         let origin = self.files.origin(place.span());
         let why = format!("its condition is false: {condition}");
         self.lowered.plan.culled.push(Culled { pass: name, why, origin });
-    }
-}
-
-struct Parts<'a> {
-    name: &'a str,
-    users: Vec<&'a Reference>,
-    numbers: Vec<&'a Number>,
-    shaders: Vec<&'a Expression>,
-}
-
-impl Parts<'_> {
-    /// Collects the names that a pass or an include mentions; `None` for repeats and swaps.
-    fn of(pass: &PassDecl) -> Option<Parts<'_>> {
-        Some(match pass {
-            PassDecl::Dispatch { name, shader, size, bind, push, .. } => {
-                let (argument, numbers) = match size {
-                    Size::Indirect(buffer, offset) => (Some(buffer), vec![offset]),
-                    Size::Threads(extent) | Size::Groups(extent) => (None, extent.0.iter().collect()),
-                };
-                Parts {
-                    name,
-                    users: bind.values().chain(argument).collect(),
-                    numbers: numbers.into_iter().chain(push.values()).collect(),
-                    shaders: vec![shader],
-                }
-            }
-            PassDecl::Draw { name, vertex, fragment, call, bind, push, targets, depth, .. } => {
-                let (argument, numbers) = match call {
-                    Call::Indirect(buffer, offset) => (Some(buffer), vec![offset]),
-                    Call::Direct { vertices, instances } => (None, vec![vertices, instances]),
-                };
-                let depth = depth.iter().map(|depth| &depth.image);
-                let targets = targets.iter().map(|target| &target.image).chain(depth);
-                Parts {
-                    name,
-                    users: bind.values().chain(targets).chain(argument).collect(),
-                    numbers: numbers.into_iter().chain(push.values()).collect(),
-                    shaders: vec![vertex, fragment],
-                }
-            }
-            PassDecl::Fill { name, buffer, value, .. } => {
-                Parts { name, users: vec![buffer], numbers: vec![value], shaders: Vec::new() }
-            }
-            PassDecl::Include { name, with, set, .. } => {
-                let (users, numbers) = (with.values().collect(), set.values().collect());
-                Parts { name, users, numbers, shaders: Vec::new() }
-            }
-            PassDecl::Repeat { .. } | PassDecl::Swap(_) => return None,
-        })
     }
 }

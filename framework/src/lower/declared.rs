@@ -271,7 +271,11 @@ impl Parameters {
     }
 
     pub fn contains(&self, name: &str) -> bool {
-        self.all.iter().any(|declared| declared.name == name)
+        self.get(name).is_some()
+    }
+
+    pub fn get(&self, name: &str) -> Option<&Declared> {
+        self.all.iter().find(|declared| declared.name == name)
     }
 
     pub fn names(&self) -> impl Iterator<Item = &str> {

@@ -34,7 +34,20 @@ fn hides_the_output(inner: &Level) -> Diagnostic {
     .with_help("rename it, or make it the output")
 }
 
-/// The fields of an include as written, without `when` and `expose`.
+/// Refuses an entry of `with` for which the included graph `graph` has no port.
+pub(super) fn unknown_port(
+    name: &str,
+    graph: &Graph,
+    with: &IndexMap<String, Reference>,
+    place: &Place,
+) -> Result<(), Diagnostic> {
+    let Some(unknown) = with.keys().find(|port| !graph.ports.contains_key(*port)) else { return Ok(()) };
+    let at = place.field("with").field(unknown);
+    let error = Diagnostic::new(format!("`{name}` has no port `{unknown}`"), at.key(), "given here");
+    Err(error.with_nearest(unknown, graph.ports.keys().map(String::as_str), ""))
+}
+
+/// The fields of an include as written, without `when`.
 pub(super) struct Written<'a> {
     pub graph: &'a str,
     pub name: &'a str,
@@ -102,13 +115,7 @@ impl Lowering<'_> {
             return Ok(());
         }
         let mut include = LoweredInclude { name: full, span, parent: level.include, given: Vec::new() };
-        if let Some(unknown) = with.keys().find(|k| !opened.graph.ports.contains_key(*k)) {
-            let at = place.field("with").field(unknown);
-            let diagnostic =
-                Diagnostic::new(format!("`{graph}` has no port `{unknown}`"), at.key(), "given here");
-            let ports = opened.graph.ports.keys().map(String::as_str);
-            return Err(diagnostic.with_nearest(unknown, ports, ""));
-        }
+        unknown_port(graph, &opened.graph, with, place)?;
         for (port_name, port) in &opened.graph.ports {
             let Some(given) = with.get(port_name) else {
                 let span = opened.root.field("ports").field(port_name).key();
@@ -149,8 +156,8 @@ impl Lowering<'_> {
             inner.handles.insert(port_name.clone(), handle);
         }
         inner.include = Some(self.lowered.includes.len());
-        let chosen = level.names.take_notes().decided;
-        inner.around = level.around.iter().copied().chain(decided).chain(chosen).collect();
+        let ports = level.names.take_notes().decided;
+        inner.around = level.around.iter().copied().chain(decided).chain(ports).collect();
         self.lowered.includes.push(include);
         self.declare(&mut inner);
         if self.errors.len() > before {
@@ -167,6 +174,7 @@ impl Lowering<'_> {
         self.stats(&inner);
         self.lowered.results.extend(inner.names.take_notes().all());
         self.give(level, name, &inner);
+        level.included.insert(name.into(), chosen);
         Ok(())
     }
 

@@ -19,6 +19,8 @@ pub struct Lowered {
     pub passes: Vec<LoweredPass>,
     /// The removed passes and includes, with the parameters that they would use.
     pub removed: Vec<RemovedPass>,
+    /// The shaders of removed passes, with the files that name them.
+    pub removed_shaders: Vec<(FileId, ShaderName)>,
     /// `let`s and parameters whose expressions name parameters that their evaluation did not read.
     pub skipped: Vec<SkippedUse>,
     /// Resources that the removed passes and includes would use.

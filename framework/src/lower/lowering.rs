@@ -8,7 +8,7 @@ use super::declared::{Exposed, Known};
 use super::defines::{Constants, capital, defines, option_define};
 use super::document::Opened;
 use super::lowered::{Lowered, SkippedUse};
-use super::require::Choices;
+use super::require::{Choices, Chosen};
 use super::reserved::is_macro;
 use super::scope::Names;
 use crate::expr::name_unknown_in;
@@ -20,7 +20,7 @@ use crate::source::{Diagnostic, Place, SourceMap};
 pub(super) const MAX_PASSES: usize = 20_000;
 
 const RENAME: &str =
-    "names are in capitals there, and a choice adds one for each of its values: rename one of them";
+    "constants are in capitals there, and a choice adds one for each of its values: rename one of them";
 
 /// Maximum number of steps of the walk. These are one step each: a pass, an entry of a pass's lists (such as `bind` and
 /// `push`), an iteration of a repeat, and a declaration of an included graph.
@@ -62,6 +62,8 @@ pub(super) struct Level {
     pub given: BTreeMap<String, ParamSet>,
     /// Includes without resources, with the place of the condition that removed them; `None` for invalid includes.
     pub absent: BTreeMap<String, Option<Span>>,
+    /// The graphs of the includes so far, by the include's name.
+    pub included: BTreeMap<String, Rc<Chosen>>,
     /// Prefix for the names of passes and resources.
     pub prefix: String,
     /// Suffix for the names of passes: the indices of repeats.
@@ -82,6 +84,22 @@ impl Level {
         if let Some(params) = self.given.get(name) {
             self.names.note_decided(params);
         }
+    }
+
+    /// Returns true if the graph declares a resource of this name, or if an include can have it: one that is removed,
+    /// or one with a graph that declares it and is not drawn here.
+    pub fn may_have(&self, name: &str) -> bool {
+        let Some((include, rest)) = name.split_once('.') else { return self.handles.contains_key(name) };
+        let declares = |graph: &Graph| {
+            let Graph { resources, imports, lets, .. } = graph;
+            resources.contains_key(rest) || imports.contains_key(rest) || lets.contains_key(rest)
+        };
+        let has = |chosen: &Rc<Chosen>| {
+            let Opened { graph, others, .. } = &*chosen.opened;
+            // The includes of an include are not searched.
+            rest.contains('.') || declares(graph) || others.iter().any(|other| declares(&other.graph))
+        };
+        self.absent.contains_key(include) || self.included.get(include).is_some_and(has)
     }
 }
 
@@ -210,7 +228,7 @@ impl<'a> Lowering<'a> {
                     if names.is_constant(number) {
                         names.constants.insert(name.clone());
                     }
-                    names.define(name, value, read);
+                    names.define_let(name, number, value, read);
                 }
                 Err(diagnostic) => {
                     let unknown = name_unknown_in(&diagnostic.primary.text);
@@ -242,20 +260,30 @@ impl<'a> Lowering<'a> {
                 }
             }
         }
-        let Constants { defines, unfit, params: constants } = defines(&names, &params);
-        let mut seen = BTreeMap::new();
-        for (name, value) in &defines {
+        let Constants { defines, unfit, params: constants, of } = defines(&names, &params);
+        for (define, mut of) in of {
+            let places = || declarations_of(&define, opened, &params);
             // The place of an exposed parameter is in the included graph, which reports it.
-            if is_macro(name)
-                && let Some(place) = declarations_of(name, opened, &params).first()
+            if is_macro(&define)
+                && defines.iter().any(|(name, _)| *name == define)
+                && let Some(place) = places().first()
             {
-                let message = format!("`{name}` cannot name a constant of shaders");
+                let message = format!("`{define}` cannot name a constant of shaders");
                 let error = Diagnostic::new(message, *place, "GLSL reserves this macro");
                 self.errors.push(error.with_help(RENAME));
             }
-            if seen.insert(name, value).is_some_and(|other| other != value) {
-                let message = format!("two constants of this graph are both `{name}` in its shaders");
-                let mut places = declarations_of(name, opened, &params).into_iter().rev();
+            // A `let` may repeat the constant of the same name in shaders, such as a fact: the value is the same.
+            let is_alias = |name: &str| match lets.get(name) {
+                Some(Number::Expression(Expression { text, .. })) => {
+                    names.values.contains_key(text) && capital(text) == define
+                }
+                _ => false,
+            };
+            of.retain(|constant| !is_alias(&constant.name));
+            if of.len() > 1 {
+                let all = of.iter().map(ToString::to_string).collect::<Vec<_>>().join(" and ");
+                let message = format!("expected different names in shaders, found `{define}` for {all}");
+                let mut places = places().into_iter().rev();
                 let error = match places.next() {
                     Some(last) => Diagnostic::new(message, last, "declared here"),
                     None => Diagnostic::new(message, opened.root.head(), "in this graph"),
@@ -274,6 +302,7 @@ impl<'a> Lowering<'a> {
             handles: IndexMap::new(),
             given: BTreeMap::new(),
             absent: BTreeMap::new(),
+            included: BTreeMap::new(),
             prefix,
             suffix: String::new(),
             include: None,

@@ -14,6 +14,7 @@ mod lowered;
 mod lowering;
 mod params;
 mod passes;
+mod removed;
 mod require;
 mod reserved;
 mod resources;
@@ -117,6 +118,7 @@ pub fn lower_candidate(
     level.names.take_notes();
     let output = walk.output(&level);
     walk.lowered.plan.outputs = walk.outputs(&level);
+    walk.lowered.plan.offered = root.graph.outputs.keys().cloned().collect();
     walk.stats(&level);
     walk.lowered.results.extend(level.names.take_notes().all());
     let live_shape = Shape::Buffer { stride: live_bytes.next_multiple_of(16).max(16), count: 1 };

@@ -380,14 +380,34 @@ pub(super) fn given(
     at: &Place,
 ) -> Result<Value, Diagnostic> {
     let value = match (number, domain) {
-        (Number::Expression(Expression { text, .. }), Domain::Choice(of))
-            if of.contains(text) || is_identifier(text) && !names.values.contains_key(text) =>
-        {
+        (Number::Expression(Expression { text, .. }), Domain::Choice(of)) if is_literal(text, of, names) => {
             Value::Text(text.clone())
         }
         _ => names.evaluate(number, at)?,
     };
     within(value, domain).map_err(|m| at.error("this value does not fit the parameter", m))
+}
+
+/// Checks the names in a value that a file gives a parameter, like [`given`], without evaluating it.
+pub(super) fn check_given(
+    number: &Number,
+    kind: &ParamKind,
+    names: &Names,
+    at: &Place,
+) -> Result<(), Diagnostic> {
+    match (number, kind) {
+        (Number::Expression(Expression { text, .. }), ParamKind::Choice { of, .. })
+            if is_literal(text, of, names) =>
+        {
+            given(number, &any(kind), names, at).map(drop)
+        }
+        _ => names.check_number(number, at),
+    }
+}
+
+/// Returns true if a string is a value of a choice: one of its options, or an identifier that is not a name.
+fn is_literal(text: &String, of: &[String], names: &Names) -> bool {
+    of.contains(text) || is_identifier(text) && !names.values.contains_key(text)
 }
 
 /// Explains a value of [`given`]: its reason, the parameters read, and the parameters named but not read. All three are

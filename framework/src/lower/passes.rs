@@ -121,10 +121,11 @@ impl Lowering<'_> {
                 let (mut resolved, mut target_spans) = (Vec::new(), Vec::new());
                 for (i, target) in targets.iter().enumerate() {
                     let at = place.field("targets").index(i);
+                    let image_at = at.field("image");
                     if !self.attaches(level, &target.when, &at)? {
+                        self.look_up_removed(level, &target.image, &image_at)?;
                         continue;
                     }
-                    let image_at = at.field("image");
                     let Some(image) = self.look_up_one(level, &target.image, &image_at)? else {
                         return Ok(());
                     };
@@ -136,8 +137,10 @@ impl Lowering<'_> {
                 let mut tested = None;
                 if let Some(depth) = depth {
                     let at = place.field("depth");
-                    if self.attaches(level, &depth.when, &at)? {
-                        let image_at = at.field("image");
+                    let image_at = at.field("image");
+                    if !self.attaches(level, &depth.when, &at)? {
+                        self.look_up_removed(level, &depth.image, &image_at)?;
+                    } else {
                         let Some(image) = self.look_up_one(level, &depth.image, &image_at)? else {
                             return Ok(());
                         };
@@ -405,6 +408,9 @@ impl Lowering<'_> {
         }
         let (what, taken) = ("the counter of a repeat", "the name is already in use");
         level.names.check_new(var, what, taken, place.field("var").span())?;
+        if count == 0 {
+            self.check_removed_body(level, (var, body), count_place.span(), place);
+        }
         let errors = self.errors.len();
         let suffix = level.suffix.clone();
         let around = level.around.clone();

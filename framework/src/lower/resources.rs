@@ -21,6 +21,16 @@ impl Lowering<'_> {
         for (list, name) in ports.chain(imports).chain(resources) {
             let span = root.field(list).field(name).key();
             self.errors.extend(check_identifier(name, "a resource", span).err());
+            // A reference by this name would be ambiguous: a text can be the name of another resource.
+            let same = [("let", graph.lets.contains_key(name)), ("params", graph.params.contains_key(name))];
+            if let (Some(Value::Text(_)), Some((list, _))) =
+                (level.names.values.get(name), same.iter().find(|(_, has)| *has))
+            {
+                let message = format!("`{name}` is declared twice");
+                let error = Diagnostic::new(message, span, "as a resource");
+                let text = "as a text, which could name another resource";
+                self.errors.push(error.with_label(root.field(list).field(name).key(), text));
+            }
         }
         for (name, import) in &graph.imports {
             let place = root.field("imports").field(name);
@@ -251,6 +261,36 @@ impl Lowering<'_> {
         reference: &Reference,
         place: &Place,
     ) -> Result<Option<Vec<ResourceId>>, Diagnostic> {
+        let (name, span) = self.named(level, reference, place)?;
+        self.look_up_name(level, name.as_ref(), place, span)
+    }
+
+    /// Looks up a reference of a removed pass, like [`Self::look_up`]. Only a name that no graph declares is an error:
+    /// the condition that removes the pass may also remove an include, or a history.
+    pub(super) fn look_up_removed(
+        &self,
+        level: &Level,
+        reference: &Reference,
+        place: &Place,
+    ) -> Result<Vec<ResourceId>, Diagnostic> {
+        if let Some(choice) = &reference.choice {
+            level.names.check(choice, place)?;
+        }
+        let Ok((name, span)) = self.named(level, reference, place) else { return Ok(Vec::new()) };
+        match self.look_up_name(level, name.as_ref(), place, span) {
+            Ok(found) => Ok(found.unwrap_or_default()),
+            Err(_) if name.is_some_and(|name| level.may_have(&name.name)) => Ok(Vec::new()),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Evaluates a reference: the name that it stands for, and its place.
+    fn named(
+        &self,
+        level: &Level,
+        reference: &Reference,
+        place: &Place,
+    ) -> Result<(Option<ResourceName>, Span), Diagnostic> {
         let Reference { text, name, choice } = reference;
         // A constant can hold a resource's name, unless a resource has the constant's name.
         let constant = level.names.values.get(text).filter(|_| !level.handles.contains_key(text));
@@ -262,14 +302,11 @@ impl Lowering<'_> {
             }
             (None, _) => {
                 let span = |name: &ResourceName| place.within_string(name.range.clone());
-                let span = name.as_ref().map_or_else(|| place.span(), span);
-                return self.look_up_name(level, name.as_ref(), place, span);
+                return Ok((name.clone(), name.as_ref().map_or_else(|| place.span(), span)));
             }
         };
         match chosen {
-            Value::Text(name) if !is_choice(&name) => {
-                self.look_up_name(level, ResourceName::parse(&name).as_ref(), place, place.span())
-            }
+            Value::Text(name) if !is_choice(&name) => Ok((ResourceName::parse(&name), place.span())),
             other => Err(place.error("a resource is needed here", format!("this is {}", describe(&other)))),
         }
     }

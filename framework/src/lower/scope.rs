@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::lowered::Extent;
-use crate::expr::{ExprError, Scope, name_unknown_in};
+use crate::expr::{Expr, ExprError, ImpossibleText, Scope, name_unknown_in};
 use crate::ir::{Domain, Facts, OUTPUTS, ParamSet, Reason, Span, Value};
 use crate::schema::{self, Expression, Number, Reference};
 use crate::source::{Diagnostic, Place};
@@ -22,7 +22,7 @@ pub(super) struct Names {
     pub constants: BTreeSet<String>,
     /// The parameters of the root graph that each name depends on; names without any are absent.
     pub params: BTreeMap<String, ParamSet>,
-    /// The options of the parameters that are choices.
+    /// The possible values of names that are texts: parameters that are choices, facts, and `let`s of these.
     options: BTreeMap<String, Vec<String>>,
     notes: RefCell<Notes>,
 }
@@ -53,6 +53,10 @@ impl Scope for Names {
         self.values.get(name).cloned().or_else(unasked)
     }
 
+    fn has(&self, name: &str) -> bool {
+        self.values.contains_key(name) || name.starts_with(OUTPUTS)
+    }
+
     fn names(&self) -> Vec<String> {
         self.values.keys().cloned().collect()
     }
@@ -60,7 +64,7 @@ impl Scope for Names {
 
 impl Names {
     pub fn of(facts: &Facts) -> Names {
-        Names { values: facts.named(), ..Names::default() }
+        Names { values: facts.named(), options: facts.texts.clone(), ..Names::default() }
     }
 
     pub fn define(&mut self, name: &str, value: Value, params: ParamSet) {
@@ -74,6 +78,18 @@ impl Names {
     pub fn define_param(&mut self, name: &str, value: Value, params: ParamSet, domain: &Domain) {
         if let Domain::Choice(of) = domain {
             self.options.insert(name.into(), of.clone());
+        }
+        self.define(name, value, params);
+    }
+
+    /// Defines a `let`. If its expression can only be some texts, comparisons with other texts become errors. A literal
+    /// text is exempt: an edit may change it.
+    pub fn define_let(&mut self, name: &str, number: &Number, value: Value, params: ParamSet) {
+        if let Number::Expression(Expression { parsed: Ok(expr), .. }) = number
+            && expr.names().next().is_some()
+            && let Some(texts) = expr.texts(&self.options)
+        {
+            self.options.insert(name.into(), texts);
         }
         self.define(name, value, params);
     }
@@ -170,39 +186,54 @@ impl Names {
     }
 
     pub fn expression(&self, expression: &Expression, place: &Place) -> Result<Value, Diagnostic> {
-        let show = |error: ExprError| {
-            let span = place.within_string(error.start..error.end);
-            let unknown = name_unknown_in(&error.message);
-            let option = self.options.values().flatten().find(|option| Some(option.as_str()) == unknown);
-            let option = option.map(|option| format!("texts are in single quotes: `'{option}'`"));
-            let diagnostic = Diagnostic::new("this expression has no value", span, error.message.as_str());
-            match option.or(error.help) {
-                Some(help) => diagnostic.with_help(help),
-                None => diagnostic,
-            }
-        };
-        let expr = expression.parsed.as_ref().map_err(|error| show(error.clone()))?;
-        for (name, range) in expr.names() {
-            if self.live.contains(name) {
-                let span = place.within_string(range);
-                return Err(Diagnostic::new(
-                    format!("`{name}` is a live parameter"),
-                    span,
-                    "has no value when the plan is built",
-                )
+        let expr = self.check(expression, place)?;
+        expr.eval(self).map_err(|error| self.error(&error, place))
+    }
+
+    /// Checks the syntax of an expression, its names, and the texts with which it compares them, also in operands that
+    /// an evaluation would skip. Does not evaluate it.
+    pub fn check<'e>(&self, expression: &'e Expression, place: &Place) -> Result<&'e Expr, Diagnostic> {
+        let expr = expression.parsed.as_ref().map_err(|error| self.error(error, place))?;
+        if let Some((name, range)) = expr.names().find(|(name, _)| self.live.contains(*name)) {
+            let message = format!("`{name}` is a live parameter");
+            let span = place.within_string(range);
+            return Err(Diagnostic::new(message, span, "has no value when the plan is built")
                 .with_help("declare it `Const` if sizes, conditions or repeats depend on it"));
-            }
         }
-        for (name, text, range) in expr.comparisons() {
-            if let Some(of) = self.options.get(name).filter(|of| of.iter().all(|option| option != text)) {
-                let options = of.iter().map(|option| format!("`{option}`")).collect::<Vec<_>>().join(" or ");
-                let message = format!("the choice `{name}` has no value `{text}`");
-                let label = format!("expected {options}, found `{text}`");
-                let error = Diagnostic::new(message, place.within_string(range), label);
-                return Err(error.with_nearest(text, of.iter().map(String::as_str), ""));
-            }
+        if let Some(error) = expr.unknown_name(self) {
+            return Err(self.error(&error, place));
         }
-        expr.eval(self).map_err(show)
+        if let Some(ImpossibleText { operand, text, place: range, expected }) =
+            expr.impossible_text(&self.options)
+        {
+            let options =
+                expected.iter().map(|option| format!("`{option}`")).collect::<Vec<_>>().join(" or ");
+            let message = format!("`{}` has no value `{text}`", &expression.text[operand]);
+            let label = format!("expected {options}, found `{text}`");
+            let error = Diagnostic::new(message, place.within_string(range), label);
+            return Err(error.with_nearest(text, expected.iter().map(String::as_str), ""));
+        }
+        Ok(expr)
+    }
+
+    /// Like [`Self::check`], for a number that may be an expression.
+    pub fn check_number(&self, number: &Number, place: &Place) -> Result<(), Diagnostic> {
+        match number {
+            Number::Literal(_) => Ok(()),
+            Number::Expression(expression) => self.check(expression, place).map(drop),
+        }
+    }
+
+    fn error(&self, error: &ExprError, place: &Place) -> Diagnostic {
+        let span = place.within_string(error.start..error.end);
+        let unknown = name_unknown_in(&error.message);
+        let option = self.options.values().flatten().find(|option| Some(option.as_str()) == unknown);
+        let option = option.map(|option| format!("texts are in single quotes: `'{option}'`"));
+        let diagnostic = Diagnostic::new("this expression has no value", span, error.message.as_str());
+        match option.or_else(|| error.help.clone()) {
+            Some(help) => diagnostic.with_help(help),
+            None => diagnostic,
+        }
     }
 
     /// Returns the names that an expression's evaluation read, with their values. `None` if the expression has no value
@@ -274,12 +305,13 @@ pub(super) fn is_identifier(name: &str) -> bool {
         && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
-/// Refuses a name that is not an identifier. `what` describes the named thing.
+/// Refuses a name that is not an identifier, or that expressions read as a literal. `what` describes the named thing.
 pub(super) fn check_identifier(name: &str, what: &str, span: Span) -> Result<(), Diagnostic> {
-    if is_identifier(name) {
-        return Ok(());
-    }
-    let rule = "use letters, digits and `_`, without a leading digit";
+    let rule = match name {
+        "true" | "false" => "is a truth value in expressions",
+        _ if is_identifier(name) => return Ok(()),
+        _ => "use letters, digits and `_`, without a leading digit",
+    };
     Err(Diagnostic::new(format!("`{name}` cannot name {what}"), span, rule))
 }
 

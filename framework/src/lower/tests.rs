@@ -528,4 +528,90 @@ fn an_output_is_a_result_where_it_is_asked_for_and_elsewhere_leaves_nothing_in_t
         "{error}"
     );
     assert!(error.contains("outputs depth, alpha besides its picture"), "{error}");
+    assert_eq!(
+        (picture.offered, deep.offered),
+        (vec!["depth".into(), "alpha".into()], vec!["depth".into(), "alpha".into()])
+    );
+}
+
+#[test]
+fn names_that_a_condition_removes_with_the_pass_are_no_mistake() {
+    let inner = r#"Graph(version: 1, summary: "inner", params: {"deep": Const(Bool(default: false))},
+        let: {"result": "deep ? 'maker.a' : 'none.a'"},
+        passes: [Include(graph: "maker", name: "maker", when: "deep", expose: Only(["share"])),
+            Include(graph: "maker", name: "none", when: "!deep", expose: Only(["share"]))])"#;
+    let narrow = r#"Graph(version: 1, summary: "narrow", resources: {"small": Buffer(stride: 4, count: 64)}, passes: [])"#;
+    let wide = narrow.replace("small", "large");
+    let choice = r#"Choice(summary: "", of: [(graph: "wide", require: [("device.subgroup_size > 8", "a GPU")]), (graph: "narrow")])"#;
+    let bind =
+        |bind: &str| dispatch("slow", "copy.comp", bind).replace("shader:", r#"when: "width > 8", shader:"#);
+    let result = |bound: &str| {
+        let passes = [
+            r#"Include(graph: "maker", name: "m", when: "width > 8", expose: Only(["share"])),
+               Include(graph: "inner", name: "i", set: {"deep": "width > 8"}, expose: Only(["share"])),
+               Include(graph: "choice", name: "c"),"#,
+            &make(),
+            &bind(bound),
+            &shown("show"),
+        ];
+        let graph = graph(WIDTH, &passes.join("\n"))
+            .replace("passes: [", r#"let: {"kept": "width > 8 ? 'last(old)' : 'a'"}, passes: ["#)
+            .replacen(
+                "resources: {",
+                r#"resources: {"old": Buffer(stride: 4, count: 64, history: "width > 8"),"#,
+                1,
+            );
+        let files = [
+            ("graph.ron", graph.as_str()),
+            ("maker.ron", MAKER),
+            ("inner.ron", inner),
+            ("choice.ron", choice),
+            ("wide.ron", &wide),
+            ("narrow.ron", narrow),
+        ];
+        try_plan_of(&files, &[])
+    };
+    for fine in [
+        r#""In": "m.a""#,
+        r#""In": "i.maker.a", "Out": "i.result""#,
+        r#""In": "c.large", "Out": "c.small""#,
+        r#""In": "last(old)", "Out": "kept""#,
+        r#""In": "width > 8 ? 'front(keys)' : 'a'", "Out": "back(keys)""#,
+    ] {
+        assert!(result(fine).is_ok(), "{}", result(fine).unwrap_err());
+    }
+    for wrong in ["x.a", "c.middle", "i.reslut", "odl", "lsat(old)", "width > 8 ? 'b' : 'bb'"] {
+        let error = result(&format!(r#""In": "{wrong}""#)).expect_err(wrong);
+        assert!(error.contains("resource") && error.contains(r#""In": ""#), "{error}");
+    }
+}
+
+#[test]
+fn a_text_that_a_fact_never_is_is_an_error() {
+    let graph = |text: &str| {
+        let graph = graph("", &[make(), shown("show")].join("\n"));
+        graph.replace(
+            "passes: [",
+            &format!(r#"let: {{"own": "scene.key_of", "x": "own == '{text}'"}}, passes: ["#),
+        )
+    };
+    let mut facts = crate::testing::facts();
+    facts.host.insert("scene.key_of".into(), Value::Text("depth".into()));
+    facts.texts.insert("scene.key_of".into(), vec!["depth".into(), "distance".into()]);
+    let catalog = crate::testing::catalog();
+    let lowered = |text: &str| {
+        let memory = [("graph.ron".to_string(), graph(text))].into();
+        let mut files = SourceMap::new(Library { memory, ..Library::default() });
+        let request = Request {
+            graph: "graph.ron",
+            set: &[],
+            capacities: &[],
+            facts: &facts,
+            catalog: &catalog,
+            share_memory: true,
+        };
+        super::lower(&request, &mut files).map_err(|errors| errors[0].primary.text.clone())
+    };
+    assert!(lowered("distance").is_ok());
+    assert_eq!(lowered("depht").map(drop), Err("expected `depth` or `distance`, found `depht`".into()));
 }

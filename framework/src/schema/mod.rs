@@ -454,6 +454,19 @@ pub enum PassDecl {
     },
 }
 
+impl PassDecl {
+    /// Returns the condition; `None` if there is none.
+    pub fn when(&self) -> Option<&Number> {
+        match self {
+            PassDecl::Dispatch { when, .. }
+            | PassDecl::Draw { when, .. }
+            | PassDecl::Fill { when, .. }
+            | PassDecl::Include { when, .. } => when.as_ref(),
+            PassDecl::Repeat { .. } | PassDecl::Swap(_) => None,
+        }
+    }
+}
+
 fn nothing() -> Expose {
     Expose::Only(Vec::new())
 }

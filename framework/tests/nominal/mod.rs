@@ -24,7 +24,7 @@ pub fn facts(count: u32, (width, height): (u32, u32)) -> Facts {
     let bools = [("scene.wide", false), ("mesh.possible", true)];
     let bools = bools.map(|(name, value)| (name.to_string(), Value::Bool(value)));
     let host = ints.into_iter().chain(texts).chain(bools).collect();
-    Facts { device: DeviceFacts::typical(32), host }
+    Facts { host, ..DeviceFacts::typical(32).into() }
 }
 
 /// Returns the importable data of a scene of `count` splats without a mesh: attributes of splats and mesh, and the

@@ -339,6 +339,7 @@ impl Maker {
                 origin: origin(98),
             }],
             outputs: vec![Output { name: "picture".into(), image: output }],
+            offered: Vec::new(),
             output,
             stats: vec![Stat { name: "visible".into(), buffer: args, offset: 12 }],
         };
