@@ -1,9 +1,9 @@
 //! Identifies the build of the program, on which its numbers and pictures depend.
 
 use super::report::text;
+use splatgraph_assets::file;
 use std::fs::File;
-use std::hash::{DefaultHasher, Hasher};
-use std::io::{self, Read};
+use std::io;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
@@ -23,16 +23,10 @@ pub fn set(file: PathBuf) {
 /// # Errors
 /// The file cannot be read.
 pub fn hash() -> io::Result<String> {
-    let mut file = match FILE.get() {
+    let file = match FILE.get() {
         Some(file) => File::open(file)?,
         // On Linux, the link leads to the running program, even if its file was replaced.
         None => File::open("/proc/self/exe").or_else(|_| File::open(std::env::current_exe()?))?,
     };
-    let (mut hash, mut bytes) = (DefaultHasher::new(), vec![0; 1 << 20]);
-    loop {
-        match file.read(&mut bytes)? {
-            0 => return Ok(text::hex(hash.finish())),
-            count => hash.write(&bytes[..count]),
-        }
-    }
+    file::hash(file).map(text::hex)
 }
