@@ -33,7 +33,7 @@ use crate::common::{long, say};
 
 #[test]
 fn no_barrier_is_missing_and_none_is_needless_and_a_call_has_at_most_one_on_all_memory() {
-    for_all("barriers", LARGE, 4000, |case| {
+    for_all("barriers", LARGE, 2000, |case| {
         case.judge(&case.plan, "with memory shared")?;
         case.judge(&case.plan(case.sketch.settings[0], false)?, "with memory apart")
     });
@@ -257,7 +257,7 @@ fn target_writes_of_random_graphs_that_could_go_by_availability_alone_are_counte
 
 #[test]
 fn plans_of_one_graph_can_follow_each_other() {
-    for_all("swaps", LARGE, 2000, |case| {
+    for_all("swaps", LARGE, 1000, |case| {
         let [settings, other] = case.sketch.settings;
         let apart = case.plan(settings, false)?;
         for (one, share_memory) in [(&case.plan, true), (&apart, false)] {
@@ -279,7 +279,7 @@ fn plans_of_one_graph_can_follow_each_other() {
 #[test]
 fn barriers_suit_up_to_200_orders_of_a_frame() {
     const MAX_ORDERS: usize = 200;
-    for_all("orders", SMALL, 3000, |case| {
+    for_all("orders", SMALL, 1500, |case| {
         for order in orders::orders(&case.plan, MAX_ORDERS) {
             for share_memory in [true, false] {
                 let plan = reorder(&case.plan, &order, share_memory);
