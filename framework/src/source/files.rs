@@ -12,6 +12,7 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::{fmt, fs};
 
 use super::content::{self, Content, Found, MAX_FILE, Wanted};
@@ -59,6 +60,9 @@ pub struct Library {
     pub unsaved: BTreeMap<PathBuf, String>,
 }
 
+/// The number of the next file.
+static SERIAL: AtomicU64 = AtomicU64::new(1);
+
 /// Folders that may contain a graph's files; canonical.
 type Roots = Arc<Vec<PathBuf>>;
 
@@ -78,6 +82,9 @@ pub struct SourceMap {
     library: Library,
     files: Vec<File>,
     known: HashMap<Identity, FileId>,
+    /// The results of successful searches, by the referring file and the kind, and by the name. A map reads each file
+    /// once, so another search would find the same; on disk, it would take dozens of system calls.
+    found: HashMap<(Option<FileId>, Kind), HashMap<String, FileId>>,
     /// Every path on disk that was tried, with its contents when first tried.
     looked: BTreeMap<PathBuf, Content>,
 }
@@ -90,6 +97,8 @@ struct File {
     /// Byte offsets of the line starts; the first is 0.
     lines: Vec<usize>,
     disk: Option<OnDisk>,
+    /// Differs from the number of every other file of this process.
+    serial: u64,
 }
 
 #[derive(Clone, Debug)]
@@ -205,10 +214,16 @@ impl SourceMap {
     /// The extension `.ron` of a graph may be omitted. The search fails at a file that exists but cannot be read, is
     /// too large, is not UTF-8, or is outside the graph's folders.
     pub fn find(&mut self, from: Option<FileId>, name: &str, kind: Kind) -> Result<FileId, NotFound> {
+        if let Some(file) = self.found.get(&(from, kind)).and_then(|found| found.get(name)) {
+            return Ok(*file);
+        }
         let mut tried = Vec::new();
         for spelling in spellings(name, kind) {
             match self.find_spelling(from, &spelling, kind, &mut tried) {
-                Ok(Some(file)) => return Ok(file),
+                Ok(Some(file)) => {
+                    self.found.entry((from, kind)).or_default().insert(name.to_owned(), file);
+                    return Ok(file);
+                }
                 Ok(None) => {}
                 Err((why, place)) => {
                     let (name, nearest) = (name.to_string(), None);
@@ -240,6 +255,12 @@ impl SourceMap {
     /// Returns the text of a file; empty for an invalid id. A byte order mark is removed only from files on disk.
     pub fn text(&self, file: FileId) -> &str {
         self.file(file).map_or("", |f| &f.text)
+    }
+
+    /// Returns a number that differs from that of every other file of this process, so that it identifies the text; 0 for
+    /// an invalid id.
+    pub(crate) fn serial(&self, file: FileId) -> u64 {
+        self.file(file).map_or(0, |file| file.serial)
     }
 
     /// Returns the line and column of a span's start. Both count from 1, columns in characters. An offset beyond the
@@ -275,11 +296,13 @@ impl SourceMap {
     /// Runs `read` and forgets the files that it opens, so that the build does not depend on them. The ids of these
     /// files are invalid afterwards.
     pub fn aside<T>(&mut self, read: impl FnOnce(&mut SourceMap) -> T) -> T {
-        let (count, looked) = (self.files.len(), self.looked.clone());
+        let count = self.files.len();
+        // A search aside may find a file that stays, but the paths that it looked at do not count.
+        let (found, looked) = (self.found.clone(), self.looked.clone());
         let result = read(self);
         self.files.truncate(count);
         self.known.retain(|_, file| (file.0 as usize) < count);
-        self.looked = looked;
+        (self.found, self.looked) = (found, looked);
         result
     }
 
@@ -289,7 +312,8 @@ impl SourceMap {
 
     fn insert(&mut self, path: String, text: Cow<'static, str>, disk: Option<OnDisk>) -> FileId {
         let lines = std::iter::once(0).chain(text.match_indices('\n').map(|(at, _)| at + 1)).collect();
-        self.files.push(File { path, text, lines, disk });
+        let serial = SERIAL.fetch_add(1, Ordering::Relaxed);
+        self.files.push(File { path, text, lines, disk, serial });
         FileId(self.files.len() as u32 - 1)
     }
 

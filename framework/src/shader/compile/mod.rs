@@ -4,7 +4,7 @@
 //!
 //! 1. *gather* ([`Sources`]): find and scan the shader and all its includes, direct or not. This shows which of the
 //!    graph's defines they mention; a change of any other parameter does not recompile the shader;
-//! 2. *look up*: texts, defines and stage together are the key of a cache of results;
+//! 2. *look up*: texts, mentioned defines and stage together are the key of a cache of results;
 //! 3. *follow* ([`reached`]): find the names that the result can depend on, and refuse undefined names in an `#if` and
 //!    declarations of a define's name;
 //! 4. *compile* ([`mod@generate`]), unless a [`SpirvStore`] has SPIR-V of an earlier run under the same key: glslang
@@ -39,7 +39,7 @@ pub use worker::{Limits, Worker};
 
 use super::compiler::{CANCELLED, Cancel, Compiled, ShaderCompiler, ShaderRequest, SpirvStore};
 use super::reflect;
-use crate::ir::Span;
+use crate::ir::{ShaderStage, Span};
 use crate::source::{Diagnostic, SourceMap};
 
 /// Maximum number of cached shaders. A full cache is emptied.
@@ -53,7 +53,7 @@ const MAX_CACHED: usize = 1024;
 /// [`Glslang::new`] compiles in this process, which a broken shader can crash, so it is for trusted texts only.
 #[derive(Debug, Default)]
 pub struct Glslang {
-    cache: HashMap<Arc<Key>, Result<Compiled, Failure>>,
+    cache: HashMap<OwnKey, Result<Compiled, Failure>>,
     scans: Scans,
     store: Option<Arc<dyn SpirvStore>>,
     compiled: usize,
@@ -91,6 +91,31 @@ impl Glslang {
     }
 }
 
+/// A [`Key`] within this process, which is faster to make and to hash: texts are numbers.
+#[derive(Debug, PartialEq, Eq, Hash)]
+struct OwnKey {
+    stage: ShaderStage,
+    defines: Vec<(String, String)>,
+    /// [`scan::Scanned::id`] of each text.
+    texts: Vec<u64>,
+    /// For each text, the indices of the texts that it includes, in the order of their names; `None` for a missing file.
+    includes: Vec<Vec<Option<usize>>>,
+}
+
+impl OwnKey {
+    fn of(stage: ShaderStage, defines: &[(String, String)], sources: &Sources) -> OwnKey {
+        let includes = |unit: &sources::Unit| {
+            unit.includes.values().map(|include| include.target.as_ref().ok().copied()).collect()
+        };
+        OwnKey {
+            stage,
+            defines: defines.to_vec(),
+            texts: sources.units.iter().map(|unit| unit.id).collect(),
+            includes: sources.units.iter().map(includes).collect(),
+        }
+    }
+}
+
 impl ShaderCompiler for Glslang {
     fn compile(
         &mut self,
@@ -105,23 +130,24 @@ impl ShaderCompiler for Glslang {
         }
         let defines = request.defines.iter().filter(|(name, _)| sources.mentions(name));
         let defines: Vec<(String, String)> = defines.cloned().collect();
+        let own = OwnKey::of(request.stage, &defines, &sources);
+        match self.cache.get(&own) {
+            Some(Ok(compiled)) => return Ok(compiled.clone()),
+            Some(Err(failure)) => return Err(failure.diagnose(files, request, &sources)),
+            None => {}
+        }
         let includes = sources.units.iter().map(|u| {
             u.includes
                 .iter()
                 .map(|(name, include)| (name.clone(), include.target.as_ref().ok().copied()))
                 .collect()
         });
-        let key = Arc::new(Key {
+        let key = Key {
             stage: request.stage,
             defines,
             texts: sources.units.iter().map(|u| scan::to_ascii(&u.text)).collect(),
             includes: includes.collect(),
-        });
-        match self.cache.get(&key) {
-            Some(Ok(compiled)) => return Ok(compiled.clone()),
-            Some(Err(failure)) => return Err(failure.diagnose(files, request, &sources)),
-            None => {}
-        }
+        };
         let followed = info_span!("follow the branches").in_scope(|| sources.follow(&key.defines));
         if let Some(place) = followed.as_ref().and_then(|followed| followed.redeclared.clone()) {
             return Err(vec![sources.redeclared(request, place)]);
@@ -135,7 +161,7 @@ impl ShaderCompiler for Glslang {
                 let diagnostics = failure.diagnose(files, request, &sources);
                 // Reaching a limit takes seconds, so failures are cached too.
                 if failure.is_lasting() {
-                    self.remember(key, Err(failure));
+                    self.remember(own, Err(failure));
                 }
                 return Err(diagnostics);
             }
@@ -147,9 +173,9 @@ impl ShaderCompiler for Glslang {
         let all = || sources.identifiers().into_iter().map(str::to_owned).collect();
         let reached = Arc::new(followed.map_or_else(all, |followed| followed.names));
         let declared = Arc::new(sources.bindings());
-        let defines = key.defines.clone();
-        let compiled = Compiled { spirv: Arc::new(spirv), defines, reached, reflection, declared };
-        self.remember(key, Ok(compiled.clone()));
+        let compiled =
+            Compiled { spirv: Arc::new(spirv), defines: key.defines, reached, reflection, declared };
+        self.remember(own, Ok(compiled.clone()));
         Ok(compiled)
     }
 
@@ -185,7 +211,7 @@ impl Failure {
 }
 
 impl Glslang {
-    fn remember(&mut self, key: Arc<Key>, outcome: Result<Compiled, Failure>) {
+    fn remember(&mut self, key: OwnKey, outcome: Result<Compiled, Failure>) {
         if self.cache.len() >= MAX_CACHED {
             self.cache.clear();
         }

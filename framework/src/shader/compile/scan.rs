@@ -160,22 +160,45 @@ pub(super) struct Scan {
 /// Maximum number of kept scans. If it is reached, all are dropped.
 const MAX_KEPT: usize = 1024;
 
+/// A text with its scan, shared by all shaders that include it.
+#[derive(Clone, Debug)]
+pub(super) struct Scanned {
+    /// Number that identifies the text: equal texts have the same, until [`MAX_KEPT`] is reached.
+    pub id: u64,
+    pub text: Arc<str>,
+    pub scan: Arc<Scan>,
+}
+
 /// The scans of texts. Many shaders include the same texts, and most texts are unchanged from build to build.
 #[derive(Debug, Default)]
-pub(super) struct Scans(HashMap<Arc<str>, Arc<Scan>>);
+pub(super) struct Scans {
+    by_text: HashMap<Arc<str>, Scanned>,
+    /// By [`SourceMap::serial`](crate::source::SourceMap), so that a file's text is hashed once.
+    by_file: HashMap<u64, Scanned>,
+    next: u64,
+}
 
 impl Scans {
-    /// Returns the text, shared with other shaders, and its scan.
-    pub fn of(&mut self, text: &str) -> (Arc<str>, Arc<Scan>) {
-        if let Some((text, scan)) = self.0.get_key_value(text) {
-            return (text.clone(), scan.clone());
+    /// Returns the scan of a file's text. `serial` is the file's [`SourceMap::serial`](crate::source::SourceMap).
+    pub fn of(&mut self, serial: u64, text: &str) -> Scanned {
+        if let Some(scanned) = self.by_file.get(&serial) {
+            return scanned.clone();
         }
-        if self.0.len() >= MAX_KEPT {
-            self.0.clear();
+        if self.by_text.len().max(self.by_file.len()) >= MAX_KEPT {
+            self.by_text.clear();
+            self.by_file.clear();
         }
-        let new: (Arc<str>, Arc<Scan>) = (text.into(), Arc::new(scan(text)));
-        self.0.insert(new.0.clone(), new.1.clone());
-        new
+        let scanned = match self.by_text.get(text) {
+            Some(scanned) => scanned.clone(),
+            None => {
+                self.next += 1;
+                let scanned = Scanned { id: self.next, text: text.into(), scan: Arc::new(scan(text)) };
+                self.by_text.insert(scanned.text.clone(), scanned.clone());
+                scanned
+            }
+        };
+        self.by_file.insert(serial, scanned.clone());
+        scanned
     }
 }
 

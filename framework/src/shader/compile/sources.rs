@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::reached::{self, Reached};
-use super::scan::{self, Scan, Scans};
+use super::scan::{self, Scan, Scanned, Scans};
 use crate::ir::{FileId, Span};
 use crate::shader::compiler::ShaderRequest;
 use crate::source::{Diagnostic, Kind, NotFound, SourceMap, nearest};
@@ -22,6 +22,8 @@ pub(super) struct Sources {
 /// A file of a shader.
 pub(super) struct Unit {
     pub file: FileId,
+    /// See [`Scanned::id`].
+    pub id: u64,
     pub text: Arc<str>,
     pub scan: Arc<Scan>,
     /// Included files, by the name in the `#include`.
@@ -52,7 +54,7 @@ impl Sources {
             bytes += text.len();
             let within = bytes <= MAX_BYTES && sources.units.len() < MAX_FILES;
             let error = |message: &str, place, label| Diagnostic::new(message, Span::new(file, place), label);
-            let Some((text, scan)) = within.then(|| scans.of(text)) else {
+            let Some(Scanned { id, text, scan }) = within.then(|| scans.of(files.serial(file), text)) else {
                 let message = format!(
                     "expected at most {MAX_FILES} files and {} KiB of text in a shader with its includes, found more",
                     MAX_BYTES >> 10
@@ -105,7 +107,7 @@ impl Sources {
                 });
                 includes.insert(name.clone(), Include { place: place.clone(), target });
             }
-            sources.units.push(Unit { file, text, scan, includes });
+            sources.units.push(Unit { file, id, text, scan, includes });
         }
         Ok(sources)
     }

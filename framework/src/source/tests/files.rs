@@ -341,6 +341,19 @@ fn files_that_are_read_aside_are_forgotten() {
 }
 
 #[test]
+fn a_name_is_searched_once_so_a_build_sees_one_state_of_the_disk() {
+    let folder = Folder::new(&[("pipelines/a.ron", "graph"), ("shaders/b.comp", "one")]);
+    let mut files = library(&[]);
+    let graph = files.find(None, &folder.path("pipelines/a"), Kind::Graph).unwrap();
+    let first = files.find(Some(graph), "b.comp", Kind::Shader).unwrap();
+    // Beside the graph, it would come first.
+    fs::write(folder.path("pipelines/b.comp"), "two").unwrap();
+    assert_eq!(files.find(Some(graph), "b.comp", Kind::Shader), Ok(first));
+    fs::remove_file(folder.path("shaders/b.comp")).unwrap();
+    assert_eq!(files.find(Some(graph), "b.comp", Kind::Shader), Ok(first));
+}
+
+#[test]
 fn a_map_knows_what_it_read_and_where_it_looked_in_vain() {
     let folder = Folder::new(&[
         ("pipelines/a.ron", "\u{feff}graph"),
