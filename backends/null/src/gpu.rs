@@ -82,6 +82,7 @@ impl NullGpu {
         let gpu = NullGpu {
             common: Common {
                 limits: config.limits.clone(),
+                is_cpu: false,
                 messages: journal.messages().clone(),
                 patience: config.patience,
                 compile_patience: config.compile_patience,

@@ -28,6 +28,8 @@ impl<W: HasDisplayHandle + HasWindowHandle + Send + Sync> Window for W {}
 pub struct Common {
     /// The device's limits.
     pub limits: Limits,
+    /// True if the device is a CPU.
+    pub is_cpu: bool,
     /// Validation messages; the list may outlive the device.
     pub messages: Arc<Messages>,
     /// Time that one pass may run before calls that wait for it give up.
@@ -43,6 +45,7 @@ impl Common {
         let patience = Duration::from_secs(if info.is_cpu() { 600 } else { 10 });
         Common {
             limits,
+            is_cpu: info.is_cpu(),
             messages,
             patience: options.patience.unwrap_or(patience),
             compile_patience: options.compile_patience.unwrap_or(Duration::from_secs(60)),
