@@ -119,10 +119,11 @@ fn a_device_without_room_is_an_error_that_says_why() {
 #[test]
 fn a_scene_whose_buffers_fit_and_whose_plan_does_not_is_packed() {
     const COUNT: u32 = 20_000;
+    let splats = synth::generate("uniform", COUNT, 0).expect("splats");
     let opened = |budget: Option<u64>| {
         let null = open(&Config { budget, ..Config::default() }).0.expect("it opens");
         let scene = Scene::generate(COUNT, 3, |at| {
-            let mut splat = synth::generate("uniform", 1, at as u64).expect("a splat").splat(0);
+            let mut splat = splats.splat(at);
             splat.sh[47] = 0.5;
             splat
         });
