@@ -185,8 +185,8 @@ fn boundary_sizes(block: u32, lanes: u32, serial: bool, most: u32) -> Vec<u32> {
 ///
 /// For each digit width, each sorter has another key width, with every boundary size up to 2^16. The fourth key width has
 /// one of the sorters, with every third size up to 2^15. Sizes up to 2^16 take most of the time. The kind of keys is
-/// pseudo-random. With an unusual vector width, the fourth key width is left out, and only keys of 8 bits have sizes up to
-/// 2^16.
+/// pseudo-random. With an unusual vector width, all sorters have one key width for each digit width, and only digits of
+/// 4 and 8 bits have sizes up to 2^16.
 fn boundaries() {
     let mut bench = Bench::new();
     let lanes = bench.lanes();
@@ -196,7 +196,7 @@ fn boundaries() {
         for digit_bits in 1..=11 {
             for (i, key_bits) in [8, 16, 24, 32].into_iter().enumerate() {
                 let digit = digit_bits as usize;
-                let chosen = (digit + s) % 4 == i;
+                let chosen = (digit + if every { s } else { 0 }) % 4 == i;
                 let fourth = (digit + SORTERS.len()) % 4 == i && digit % SORTERS.len() == s;
                 if !(common::long() || chosen || every && fourth) {
                     continue;
