@@ -144,6 +144,25 @@ impl Planner {
         error.map_or(Ok(plan), |error| Err(GraphErrors::new(&self.files, &[error])))
     }
 
+    /// Calls `build` with every output requested that the graph of `plan` offers. `None` if `plan` has them all.
+    ///
+    /// # Errors
+    /// See `build`. A note says that every output is requested.
+    pub fn with_every_output<T>(
+        &mut self,
+        plan: &Plan,
+        build: impl FnOnce(&mut Planner) -> Result<T, GraphErrors>,
+    ) -> Result<Option<T>, GraphErrors> {
+        if plan.offered.len() == plan.outputs.len() {
+            return Ok(None);
+        }
+        let requested = std::mem::replace(&mut self.outputs, plan.offered.clone());
+        let built = build(self);
+        self.outputs = requested;
+        let note = format!("with every output requested: {}", plan.offered.join(", "));
+        built.map(Some).map_err(|errors| errors.with_note(&note))
+    }
+
     /// Returns the span of the token at an origin; `None` if the file is not open.
     fn token_at(&self, origin: &Origin) -> Option<Span> {
         let (file, ..) = self.files.opened().find(|(_, path, _)| *path == origin.file)?;

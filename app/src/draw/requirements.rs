@@ -122,7 +122,10 @@ impl Build {
         let set = if self.name.is_none() { set } else { &[] };
         let plan =
             planner.plan_candidate(graph, Some(self.index), set, &case.facts(), &case.catalog(catalog));
-        plan.map(Some).map_err(|errors| self.named(errors, "which is not drawn here, has this error"))
+        plan.map(Some).map_err(|errors| match &self.name {
+            Some(_) => self.named(errors, "which is not drawn here, has this error"),
+            None => with_drawn_graph(planner, (graph, self.index), case, catalog, errors),
+        })
     }
 
     /// Adds the graph's name and `what` to its errors, if it is one of several graphs of a choice.
@@ -131,6 +134,23 @@ impl Build {
             Some(name) => errors.with_note(&format!("the choice's graph `{name}`, {what}")),
             None => errors,
         }
+    }
+}
+
+/// Adds the name of the drawn graph to its errors, if it is one of several graphs of a choice. `index` is its index.
+pub fn with_drawn_graph(
+    planner: &mut Planner,
+    (graph, index): (&str, usize),
+    case: &Case,
+    catalog: &Catalog,
+    errors: GraphErrors,
+) -> GraphErrors {
+    match planner.ask((graph, &[]), &case.facts(), catalog, lower::candidates) {
+        Ok(all) if all.len() > 1 => errors.with_note(&format!(
+            "the choice's graph `{}`, which is drawn with device.subgroup_size = {}, has this error",
+            all[index].name, case.device.subgroup_size
+        )),
+        _ => errors,
     }
 }
 
@@ -206,12 +226,19 @@ impl Case {
     /// Changes the facts that a condition names, so that it holds. `None` if no such values are found.
     fn meeting(&self, condition: &str) -> Option<Case> {
         let condition = Expr::parse(condition).ok()?;
-        let facts = self.facts().named();
+        let all = self.facts();
+        let facts = all.named();
         let mut names: Vec<&str> = condition.names().map(|(name, _)| name).collect();
         names.sort_unstable();
         names.dedup();
         let constants = condition.constants();
-        let values = |name| (name, values(name, facts.get(name), &constants));
+        let values = |name| match all.texts.get(name) {
+            Some(texts) => {
+                let present = facts.get(name).cloned();
+                (name, present.into_iter().chain(texts.iter().cloned().map(Value::Text)).collect())
+            }
+            None => (name, values(name, facts.get(name), &constants)),
+        };
         let choices: Vec<(&str, Vec<Value>)> = names.into_iter().map(values).collect();
         self.search(&condition, &choices, &mut 10_000)
     }
@@ -249,13 +276,13 @@ impl Case {
             ("mesh.possible", Value::Bool(possible)) => scene.mesh_possible = *possible,
             ("scene.wide", Value::Bool(wide)) => scene.wide = *wide,
             ("scene.low_pass", Value::Text(text)) => {
-                let all = [Filter::Dilated, Filter::Compensated, Filter::Mip];
-                let Some(filter) = all.into_iter().find(|filter| filter.name() == text) else { return false };
+                let Some(filter) = Filter::ALL.into_iter().find(|filter| filter.name() == text) else {
+                    return false;
+                };
                 scene.low_pass = filter;
             }
             ("scene.key_of", Value::Text(text)) => {
-                let all = [SortKey::Depth, SortKey::Distance];
-                let Some(key) = all.into_iter().find(|key| key.name() == text) else { return false };
+                let Some(key) = SortKey::ALL.into_iter().find(|key| key.name() == text) else { return false };
                 scene.key_of = key;
             }
             // Not changed: values out of range, and `scene.stored_sh_degree`, on which the strides of the imports
@@ -286,12 +313,8 @@ fn values(name: &str, present: Option<&Value>, constants: &[Value]) -> Vec<Value
             all.dedup();
             all.into_iter().map(Value::Int).collect()
         }
-        Some(present @ Value::Text(_)) => {
-            let names = ["dilated", "compensated", "mip", "depth", "distance"];
-            [present.clone()].into_iter().chain(names.map(|name| Value::Text(name.to_owned()))).collect()
-        }
-        // No such fact, for example an output that is not requested. No fact is a float.
-        Some(Value::Float(_)) | None => present.cloned().into_iter().collect(),
+        // No such fact, for example an output that is not requested. No fact is a float, and texts have a list.
+        Some(Value::Float(_) | Value::Text(_)) | None => present.cloned().into_iter().collect(),
     }
 }
 

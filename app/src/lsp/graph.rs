@@ -210,8 +210,8 @@ impl Workspace {
     }
 
     /// Builds a graph for a GPU and for a CPU. Graphs of a choice that neither draws are built for devices that meet
-    /// their requirements. Returns the first errors, or the warnings if there are no errors. For a part, leaves out
-    /// [`ONLY_OF_PARTS`].
+    /// their requirements. Each is also built with every output requested. Returns the first errors, or the warnings if
+    /// there are no errors. For a part, leaves out [`ONLY_OF_PARTS`].
     fn check(&mut self, path: &Path) -> Vec<PlainDiagnostic> {
         let graph = path.display().to_string();
         match self.warnings(path, &graph) {
@@ -236,6 +236,9 @@ impl Workspace {
                 Some(plan) => {
                     checked += 1;
                     warnings.extend(self.learn(path, &plan));
+                    let full = |planner: &mut Planner| build.plan(planner, graph, &[], &catalog);
+                    let full = self.planner.with_every_output(&plan, full)?.flatten();
+                    warnings.extend(full.iter().flat_map(|full| self.planner.plain_warnings(full)));
                 }
                 None => unchecked.add(&mut self.planner, (graph, &build), &cases[0], &catalog),
             }

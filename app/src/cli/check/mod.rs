@@ -36,7 +36,8 @@ const EXAMPLES: &str = "Examples:
 /// requirements are met. So are the graphs of a choice that are not drawn. If no such facts are found, this is an
 /// error, or a warning for one of several graphs of a choice. An oracle replays the barriers of each plan, and reports
 /// missing barriers and needless bits. A parameter of --set without an effect gives a warning. With --device, graphs
-/// are built for that device instead, and unmet requirements are errors.
+/// are built for that device instead, and unmet requirements are errors. Graphs with outputs besides the picture are also
+/// built with all of them requested.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -243,16 +244,28 @@ fn check(
             continue;
         }
         drawn.push(index);
-        let plan = planner.plan(graph, set, &facts, &catalog)?;
+        let plan = planner.plan(graph, set, &facts, &catalog).map_err(|errors| {
+            requirements::with_drawn_graph(planner, (graph, index), case, &catalog, errors)
+        })?;
         if let Some(line) = device.exceeded(&plan) {
             return Ok(Verdict::Lacking(line));
         }
+        let full = planner.with_every_output(&plan, |planner| planner.plan(graph, set, &facts, &catalog))?;
         let line = match checked.plan(planner, plan, &device.name, warn) {
             Ok(line) => line,
             Err(violations) => return Ok(Verdict::Wrong(violations)),
         };
         let line = fallback.map_or(line.clone(), |fallback| format!("{fallback}; {line}"));
         checked.lines.add(&device.name, line);
+        // A device may have room for the picture and for some outputs, but not for all of them together.
+        if let Some(full) = full
+            && device.exceeded(&full).is_none()
+        {
+            match checked.verified(planner, full, &device.name, warn) {
+                Ok(line) => checked.lines.add(&device.name, format!("with every output: {line}")),
+                Err(violations) => return Ok(Verdict::Wrong(violations)),
+            }
+        }
     }
     let verdict = if drawn.is_empty() { "not for the least capable supported device" } else { "OK" };
     checked.lines.0.append(&mut unsuited.0);
@@ -260,26 +273,35 @@ fn check(
     for undrawn in requirements::undrawn(planner, graph, &cases, &catalog, &drawn)? {
         let who = undrawn.name.as_ref().map_or("the graph".to_owned(), |name| format!("`{name}`"));
         let lanes = undrawn.case.as_ref().map_or(String::new(), |case| case.device.subgroup_size.to_string());
-        let line = match undrawn.plan(planner, graph, set, &catalog)? {
-            Some(plan) => match checked.plan(planner, plan, &lanes, warn) {
-                Ok(line) if undrawn.changed.is_empty() => format!("{who}: {line}"),
-                Ok(line) => format!("{who} with {}: {line}", undrawn.changed),
-                Err(violations) => return Ok(Verdict::Wrong(violations)),
-            },
-            None => {
-                unchecked.add(planner, (graph, &undrawn), &cases[0], &catalog);
-                let needs = listed(&undrawn.unmet);
-                format!("{who} was not checked: no facts were found with which it has {needs}")
-            }
+        let Some(plan) = undrawn.plan(planner, graph, set, &catalog)? else {
+            unchecked.add(planner, (graph, &undrawn), &cases[0], &catalog);
+            let needs = listed(&undrawn.unmet);
+            let line = format!("{who} was not checked: no facts were found with which it has {needs}");
+            checked.lines.add(&lanes, line);
+            continue;
         };
-        checked.lines.add(&lanes, line);
+        let full = planner.with_every_output(&plan, |planner| undrawn.plan(planner, graph, set, &catalog))?;
+        let who = match undrawn.changed.is_empty() {
+            true => who,
+            false => format!("{who} with {}", undrawn.changed),
+        };
+        let found = checked.plan(planner, plan, &lanes, warn).and_then(|line| {
+            checked.lines.add(&lanes, format!("{who}: {line}"));
+            let Some(full) = full.flatten() else { return Ok(()) };
+            let line = checked.verified(planner, full, &lanes, warn)?;
+            checked.lines.add(&lanes, format!("{who}, with every output: {line}"));
+            Ok(())
+        });
+        if let Err(violations) = found {
+            return Ok(Verdict::Wrong(violations));
+        }
     }
     for (text, lanes) in &checked.idle.0 {
         warn(Warning::Setting(format!("{}{text}", lanes_of(lanes, is_named))));
     }
     let line = |(line, lanes): (String, Vec<String>)| format!("\n  {}{line}", lanes_of(&lanes, is_named));
     let summary = verdict.to_owned() + &checked.lines.0.into_iter().map(line).collect::<String>();
-    match unchecked.diagnostics(checked.verified.len()) {
+    match unchecked.diagnostics(checked.known.len()) {
         Ok(warnings) => {
             warn(Warning::Unchecked(warnings));
             Ok(Verdict::Right(summary))
@@ -317,14 +339,28 @@ struct Checked<'a> {
     /// Settings without an effect.
     idle: Lines,
     /// Verified plans that differ, each with its summary.
-    verified: Vec<(Plan, String)>,
+    known: Vec<(Plan, String)>,
     warned: Vec<String>,
 }
 
 impl Checked<'_> {
+    /// Verifies a plan like [`Self::verified`], and notes the settings without an effect.
+    fn plan(
+        &mut self,
+        planner: &Planner,
+        plan: Plan,
+        lanes: &str,
+        warn: &mut dyn FnMut(Warning),
+    ) -> Result<String, String> {
+        for (_, text) in without_effect(&plan, self.set) {
+            self.idle.add(lanes, text);
+        }
+        self.verified(planner, plan, lanes, warn)
+    }
+
     /// Verifies a plan for subgroups of `lanes`, unless an equal plan was verified. Returns its summary, or the
     /// violations. Passes new warnings to `warn`.
-    fn plan(
+    fn verified(
         &mut self,
         planner: &Planner,
         plan: Plan,
@@ -337,11 +373,8 @@ impl Checked<'_> {
             warn(Warning::Plan { text, plain: planner.plain_warnings(&plan) });
             self.warned.push(warnings);
         }
-        for (_, text) in without_effect(&plan, self.set) {
-            self.idle.add(lanes, text);
-        }
         // Barriers depend on passes, resources and bindings, not on the code of shaders or on facts.
-        if let Some((_, line)) = self.verified.iter().find(|(other, _)| is_same(other, &plan)) {
+        if let Some((_, line)) = self.known.iter().find(|(other, _)| is_same(other, &plan)) {
             return Ok(line.clone());
         }
         let verified =
@@ -350,7 +383,7 @@ impl Checked<'_> {
             true => violations,
             false => format!("with subgroups of {lanes} lanes:\n{violations}"),
         })?;
-        self.verified.push((plan, line.clone()));
+        self.known.push((plan, line.clone()));
         Ok(line)
     }
 }

@@ -165,12 +165,12 @@ fn errors_of_every_graph_of_a_choice_are_found_and_a_fallback_is_fine() {
     for name in ["after.ron", "before.ron", "last.ron", "small.ron"] {
         let errors = result(&folder, name).expect_err(name);
         assert!(errors.to_string().contains("`unknown`"), "{name}: {errors}");
-        let note = "the choice's graph `bad.ron`, which is not drawn here, has this error";
-        assert_eq!(
-            errors.found[0].help.iter().any(|help| help == note),
-            name != "last.ron",
-            "{name}: {errors}"
-        );
+        let which = match name {
+            "last.ron" => "is drawn with device.subgroup_size = 4",
+            _ => "is not drawn here",
+        };
+        let note = format!("the choice's graph `bad.ron`, which {which}, has this error");
+        assert_eq!(errors.found[0].help.last(), Some(&note), "{name}: {errors}");
     }
     let text = right(result(&folder, "fine.ron"));
     let lines: Vec<&str> = text.lines().collect();
@@ -256,4 +256,27 @@ fn a_barrier_too_few_and_a_barrier_too_many_fail() {
     more.at_mut(at).push(twice);
     let text = verify(&plan, &more).expect_err("a needless barrier");
     assert!(text.lines().all(|line| line.starts_with("needless: ")), "{text}");
+}
+
+#[test]
+fn a_mistake_in_a_pass_that_only_an_output_needs_is_found() {
+    let with_output = |shader: &str| {
+        let more = "outputs: { \"more\": \"more\" }, resources: { \"more\": Image(format: \"rgba8\", size: (8, 8)), ";
+        let pass = format!(
+            "passes: [Dispatch(name: \"more\", shader: \"{shader}\", when: \"outputs.more\", size: Threads(8, 8), \
+             bind: {{ \"image\": \"more\" }}), "
+        );
+        graph("", "good.comp", "8, 8").replace("resources: { ", more).replace("passes: [", &pass)
+    };
+    let folder = folder(&[("good.ron", &with_output("good.comp")), ("bad.ron", &with_output("bad.comp"))]);
+    let text = right(result(&folder, "good.ron"));
+    let lines: Vec<&str> = text.lines().skip(1).collect();
+    let lanes = "  4, 8, 16, 32, 64, 128 lanes: ";
+    assert!(lines[0].starts_with(&format!("{lanes}2 passes")), "{text}");
+    assert!(lines[1].starts_with(&format!("{lanes}with every output: 3 passes")), "{text}");
+    let errors = result(&folder, "bad.ron").expect_err("an unknown name").to_string();
+    assert!(
+        errors.contains("`unknown`") && errors.trim_end().ends_with("with every output requested: more"),
+        "{errors}"
+    );
 }

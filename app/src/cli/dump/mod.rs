@@ -21,6 +21,7 @@ const EXAMPLES: &str = "Examples:
   splatgraph dump splat --format html -o splat.html        # a page to click through, in any browser
   splatgraph dump digit4 --scene scene.ply --size 1920x1080
   splatgraph dump splat --set digit_bits=11 --format json
+  splatgraph dump splat --request depth                    # the plan that draws this output, too
   splatgraph dump my/graph.ron --format dot | dot -Tsvg > graph.svg
 
 A run's GPU times, on the page:
@@ -49,6 +50,9 @@ pub struct Args {
     /// Set a parameter of the graph (of both graphs, with --diff); may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     set: Vec<(String, String)>,
+    /// Request an output of the graph besides its picture, such as `depth`; may be repeated
+    #[arg(long, value_name = "NAME")]
+    request: Vec<String>,
     /// Compare with the plan of this graph (b), and show what is added, removed and changed
     #[arg(long, value_name = "NAME", conflicts_with = "times")]
     diff: Option<String>,
@@ -166,6 +170,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let size = args.size.or(timed_size).unwrap_or(facts::DEFAULT_SIZE);
     let facts = facts::facts(&scene, &device.facts, size);
     let mut planner = Planner::default();
+    planner.outputs.clone_from(&args.request);
     let mut dump_of = |graph: &str, set: &[(String, String)]| -> Result<Dump> {
         let plan = planner.plan(graph, set, &facts, &catalog);
         let plan = plan.map_err(|errors| errors.with_device(&note))?;

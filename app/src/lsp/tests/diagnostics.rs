@@ -188,7 +188,7 @@ fn after_shutdown_requests_are_refused_and_other_messages_ignored() {
 }
 
 #[test]
-fn a_graph_whose_requirements_the_nominal_device_does_not_meet_is_checked_all_the_same() {
+fn a_graph_whose_requirements_the_nominal_device_does_not_meet_is_checked_all_the_same_with_its_outputs() {
     let editor = Editor::start();
     let needy = GRAPH.replace("summary: \"\",", "summary: \"\", require: [(\"device.int64\", \"longs\")],");
     editor.open("graph.ron", &needy);
@@ -197,6 +197,13 @@ fn a_graph_whose_requirements_the_nominal_device_does_not_meet_is_checked_all_th
     editor.change("graph.ron", &needy.replace("Groups(1)", "Groups(\"8 / 0\")"));
     let found = editor.published().1;
     assert_eq!(message(&found), "this expression has no value: division by zero");
+    let fill = "passes: [Fill(name: \"more\", buffer: \"table\", value: \"8 / 0\", when: \"outputs.more\"), ";
+    let output =
+        needy.replace("passes: [", fill).replace("passes:", "outputs: { \"more\": \"picture\" }, passes:");
+    editor.change("graph.ron", &output);
+    let found = editor.published().1;
+    let note = "help: with every output requested: more";
+    assert_eq!(message(&found), format!("this expression has no value: division by zero\n{note}"));
     editor.end();
 }
 
