@@ -2,6 +2,7 @@
 //! the camera as JSON and the picture as a command line.
 
 use super::controls::{Command, Controls};
+use super::number::{NumberField, Scale};
 use super::theme::{self, GRID, ROW};
 use super::widgets::{fact, heading, hint};
 use crate::draw::camera_path::SECONDS;
@@ -10,7 +11,7 @@ use crate::view::events::{Event, RendererId};
 use crate::view::navigation::FIELDS_OF_VIEW;
 use crate::view::opening::CameraRole;
 use crate::view::viewer::Viewer;
-use egui::{Button, DragValue, RichText, Slider, Ui};
+use egui::{Button, RichText, Slider, Ui};
 use splatgraph_assets::{Camera, Projection};
 use std::path::Path;
 
@@ -58,14 +59,10 @@ fn field_of_view(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
     ui.horizontal(|ui| {
         ui.set_min_height(ROW);
         ui.label("Field of view, vertical");
-        let mut degrees = viewer.navigation.field_of_view();
-        ui.spacing_mut().slider_width = (ui.available_width() - 88.0).max(40.0);
-        let slider = Slider::new(&mut degrees, FIELDS_OF_VIEW)
-            .clamping(egui::SliderClamping::Edits)
-            .max_decimals(1)
-            .suffix("°");
-        let slider = controls.seen("field_of_view", ui.add(slider.update_while_editing(false)));
-        if slider.changed() {
+        let scale = Scale { step: 0.5, ..FIELDS_OF_VIEW.into() };
+        let field = NumberField { suffix: "°", ..NumberField::new("field_of_view", "Field of view", scale) };
+        let (degrees, width) = (viewer.navigation.field_of_view(), ui.available_width());
+        if let Some(degrees) = field.show_with_slider(ui, degrees, width, controls) {
             viewer.navigation.set_field_of_view(degrees);
         }
     });
@@ -80,10 +77,10 @@ fn scale(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
         ui.horizontal(|ui| {
             ui.set_min_height(ROW);
             ui.label(label);
-            let mut value = viewer.navigation.height() / rows;
-            let speed = 0.002 * value;
-            let drag = DragValue::new(&mut value).speed(speed).update_while_editing(false);
-            if controls.seen(name, ui.add(drag)).changed() && value > 0.0 {
+            let value = viewer.navigation.height() / rows;
+            let scale = Scale { min: f64::MIN_POSITIVE, max: f64::INFINITY, step: 0.0 };
+            let field = NumberField { speed: 0.002 * value, ..NumberField::new(name, label, scale) };
+            if let (_, Some(value)) = field.show(ui, value, controls) {
                 viewer.navigation.set_height(value * rows);
             }
         });
@@ -171,9 +168,9 @@ fn path(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
         if ui.checkbox(&mut closed, "closed").changed() {
             viewer.path.set_closed(closed);
         }
-        let mut seconds = viewer.path.seconds();
-        let drag = DragValue::new(&mut seconds).range(SECONDS).speed(0.1).suffix(" s");
-        if ui.add(drag.update_while_editing(false)).changed() {
+        let field = NumberField::new("path_seconds", "Length of the path", SECONDS);
+        let field = NumberField { speed: 0.1, suffix: " s", ..field };
+        if let (_, Some(seconds)) = field.show(ui, viewer.path.seconds(), controls) {
             viewer.path.set_seconds(seconds);
         }
     });

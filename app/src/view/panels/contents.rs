@@ -1,6 +1,7 @@
 //! Shows the contents of a resource after a pass: numbers, a histogram, an image, and the order of sorted keys.
 
 use super::controls::Controls;
+use super::number::{NumberField, Scale};
 use super::selection::Selection;
 use super::theme::Palette;
 use super::widgets::hint;
@@ -222,8 +223,12 @@ impl State {
             if ui.button("first").clicked() {
                 self.first = 0;
             }
-            let first = egui::DragValue::new(&mut self.first).range(0..=last).prefix("from ");
-            controls.see("inspect:first", ui.add(first).rect);
+            let scale = Scale { min: 0.0, max: last as f64, step: 1.0 };
+            let field = NumberField::new("inspect:first", "First element", scale);
+            let field = NumberField { speed: 1.0, prefix: "from ", ..field };
+            if let (_, Some(first)) = field.show(ui, self.first as f64, controls) {
+                self.first = first as usize;
+            }
             if ui.button("last").clicked() {
                 self.first = last;
             }

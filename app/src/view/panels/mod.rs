@@ -13,6 +13,7 @@ mod hud;
 mod inspector;
 mod keys;
 mod layout;
+mod number;
 mod params;
 mod pointer;
 mod presets;

@@ -4,24 +4,16 @@
 //! rounds or clamps the value.
 
 use super::controls::Controls;
+use super::number::{NumberField, Scale};
 use super::theme::{self, Palette, ROW};
 use super::widgets::{self, hint};
-use crate::io::report::text::decimals;
 use crate::view::renderer::Renderer;
-use egui::{
-    Align, ComboBox, DragValue, Id, Layout, Response, RichText, Slider, SliderClamping, Ui, UiBuilder,
-};
+use egui::{Align, ComboBox, Id, Layout, RichText, Ui, UiBuilder};
 use indexmap::IndexMap;
 use splatgraph_framework::ir::{Domain, Param, ParamBinding, Value};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
-use std::cell::Cell;
 use std::collections::HashMap;
-
-/// A slider is logarithmic if its range begins above 0 and spans more than this many powers of ten.
-const DECADES: f64 = 2.0;
-
-const NUMBER: f32 = 80.0;
 
 const RESET: f32 = 24.0;
 
@@ -313,14 +305,15 @@ fn editor(ui: &mut Ui, param: &Param, width: f32, controls: &mut Controls) -> Op
         }
         (Domain::Int { min, max }, Value::Int(value)) => {
             let scale = Scale { min: *min as f64, max: *max as f64, step: 1.0 };
-            let changed = number(ui, &name, *value as f64, scale, width, controls)?;
+            let field = NumberField::new(&name, &param.name, scale);
+            let changed = field.show_with_slider(ui, *value as f64, width, controls)?;
             let changed = (changed.round() as i64).clamp(*min, *max);
             (changed != *value).then_some(Value::Int(changed))
         }
         (Domain::Float { min, max, step }, Value::Float(value)) => {
             let scale = Scale { min: *min, max: *max, step: *step };
-            let changed = number(ui, &name, *value, scale, width, controls)?;
-            (changed != *value).then_some(Value::Float(changed))
+            let field = NumberField::new(&name, &param.name, scale);
+            field.show_with_slider(ui, *value, width, controls).map(Value::Float)
         }
         (Domain::Choice(choices), Value::Text(value)) => choice(ui, &name, choices, value, width, controls),
         // Unreachable for a valid plan.
@@ -361,129 +354,4 @@ fn choice(
     widgets::return_focus(ui, &response);
     controls.see(name, response.rect);
     (chosen != value).then_some(Value::Text(chosen))
-}
-
-fn number(
-    ui: &mut Ui,
-    name: &str,
-    value: f64,
-    scale: Scale,
-    width: f32,
-    controls: &mut Controls,
-) -> Option<f64> {
-    let Scale { min, max, step } = scale;
-    ui.spacing_mut().slider_width = (width - NUMBER - theme::GRID).max(24.0);
-    // egui derives the handle's radius from the height.
-    ui.spacing_mut().interact_size.y = 16.0;
-    let mut moved = value;
-    let mut slider = Slider::new(&mut moved, min..=max)
-        .show_value(false)
-        .clamping(SliderClamping::Edits)
-        .smart_aim(false)
-        .logarithmic(min > 0.0 && (max / min).log10() > DECADES);
-    if step > 0.0 {
-        // Round off the error of the multiplication: 0.3, not 0.30000000000000004.
-        let digits = (2.0 - step.log10().floor()).clamp(0.0, 12.0) as usize;
-        slider = slider.step_by(step).max_decimals(digits);
-    }
-    controls.see(name, ui.add(slider).rect);
-    if moved != value {
-        // egui rounds to steps after it clamps, so the last step can be outside the range.
-        moved = moved.clamp(min, max);
-    }
-    let mut typed = moved;
-    let refused = Cell::new(false);
-    let parse = |text: &str| {
-        // In an integer, a comma may also separate thousands.
-        let value = widgets::parse_number(text).filter(|_| scale.step < 1.0 || !text.contains(','));
-        refused.set(value.is_none());
-        value
-    };
-    let drag = DragValue::new(&mut typed)
-        .range(min..=max)
-        .clamp_existing_to_range(false)
-        .speed(0.0)
-        .update_while_editing(false)
-        .custom_parser(parse)
-        .custom_formatter(|value, _| scale.text(value));
-    let response: Response = ui.add_sized([NUMBER, ROW - 4.0], drag);
-    controls.see(&format!("{name}#"), response.rect);
-    if refused.get() {
-        let kind = if step >= 1.0 { "an integer" } else { "a number" };
-        let name = name.trim_start_matches("param:");
-        controls.refused = Some(format!("{name}: expected {kind}; it is still {}", scale.text(moved)));
-    }
-    // The field shows fewer digits than the value has; leaving it unedited must not round the value.
-    if scale.text(typed) != scale.text(moved) {
-        moved = typed.clamp(min, max);
-    }
-    (moved != value).then_some(moved)
-}
-
-/// Range of a number.
-#[derive(Clone, Copy, Debug)]
-struct Scale {
-    min: f64,
-    max: f64,
-    /// Distance between adjacent values; 0 for a continuous range.
-    step: f64,
-}
-
-impl Scale {
-    /// Formats a value with four significant digits and without trailing zeros. Integer digits are never rounded off.
-    fn text(self, value: f64) -> String {
-        if self.step >= 1.0 && value.fract() == 0.0 {
-            return format!("{value:.0}");
-        }
-        if value == 0.0 {
-            return "0".to_owned();
-        }
-        let digits = (3.0 - value.abs().log10().floor()).clamp(0.0, 12.0) as usize;
-        decimals(value, digits)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::view::tests;
-    use egui::{Context, Key, Modifiers, RawInput};
-
-    const FLOOR: Scale = Scale { min: 0.0, max: 0.02, step: 0.001 };
-
-    /// Draws a focused slider once for each list of pressed keys; returns the values.
-    fn values(scale: Scale, mut value: f64, keys: &[&[Key]]) -> Vec<f64> {
-        let (ctx, mut controls) = (Context::default(), Controls::default());
-        let mut step = |keys: &&[Key]| {
-            let events = keys.iter().map(|key| tests::key(*key, true, Modifiers::NONE)).collect();
-            let input = RawInput { events, ..RawInput::default() };
-            let mut output = ctx.run_ui(input, |ui| {
-                value = number(ui, "number", value, scale, 200.0, &mut controls).unwrap_or(value);
-            });
-            output.textures_delta.clear();
-            value
-        };
-        keys.iter().map(&mut step).collect()
-    }
-
-    #[test]
-    fn a_value_between_two_steps_stays_until_somebody_moves_it() {
-        let floor = 1.0 / 255.0;
-        assert_eq!(FLOOR.text(floor), "0.003922");
-        let keys: [&[Key]; 4] = [&[], &[Key::Tab], &[], &[Key::ArrowRight, Key::ArrowLeft]];
-        assert_eq!(values(FLOOR, floor, &keys), [floor; 4]);
-        let keys: [&[Key]; 4] = [&[Key::Tab], &[], &[Key::ArrowRight], &[Key::ArrowRight]];
-        assert_eq!(values(FLOOR, floor, &keys), [floor, floor, 0.005, 0.006]);
-        assert_eq!(values(FLOOR, 0.02, &keys), [0.02; 4], "the end of the range");
-        let uneven = Scale { min: 0.0, max: 1.0, step: 0.4 };
-        assert_eq!(values(uneven, 0.8, &keys), [0.8, 0.8, 1.0, 1.0], "the third step is 1.2");
-    }
-
-    #[test]
-    fn an_arrow_key_moves_an_integer_of_a_wide_range_by_one() {
-        let wide = Scale { min: 1.0, max: 1e6, step: 1.0 };
-        let keys: [&[Key]; 4] = [&[Key::Tab], &[], &[Key::ArrowRight], &[Key::ArrowLeft]];
-        assert_eq!(values(wide, 123_456.0, &keys), [123_456.0, 123_456.0, 123_457.0, 123_456.0]);
-        assert_eq!(wide.text(500_000.0), "500000");
-    }
 }

@@ -6,6 +6,7 @@
 
 use super::controls::Controls;
 use super::hud;
+use super::number::NumberField;
 use super::theme::{self, GRID, Palette};
 use super::widgets::hint;
 use crate::draw::select::{Reach, Region};
@@ -13,14 +14,14 @@ use crate::io::output::names;
 use crate::view::events::RendererId;
 use crate::view::viewer::{Combine, Marks, Part, Viewer};
 use egui::{
-    Align2, Area, Button, Color32, Context, CornerRadius, DragValue, Id, Key, Modifiers, Order, Pos2, Rect,
-    RichText, Shape, Stroke, StrokeKind, TextEdit, Ui, Vec2,
+    Align2, Area, Button, Color32, Context, CornerRadius, Id, Key, Modifiers, Order, Pos2, Rect, RichText,
+    Shape, Stroke, StrokeKind, TextEdit, Ui, Vec2,
 };
 use splatgraph_assets::grouped;
 use std::path::{Path, PathBuf};
 
 /// Range of the brush's radius, in points.
-const RADII: std::ops::RangeInclusive<f32> = 2.0..=400.0;
+const RADII: std::ops::RangeInclusive<f64> = 2.0..=400.0;
 
 /// Factor by which one key press changes the brush's radius.
 const STEP: f32 = 1.25;
@@ -88,7 +89,7 @@ impl State {
     }
 
     fn resize(&mut self, steps: i32) {
-        self.radius = (self.radius * STEP.powi(steps)).clamp(*RADII.start(), *RADII.end());
+        self.radius = (self.radius * STEP.powi(steps)).clamp(*RADII.start() as f32, *RADII.end() as f32);
     }
 
     /// Begins a drag in a viewport's picture, at a position in points of the window. With Shift, the drag adds to the
@@ -249,9 +250,13 @@ impl State {
                     self.toggle(tool);
                 }
             }
-            let radius =
-                DragValue::new(&mut self.radius).range(RADII).speed(0.5).max_decimals(0).suffix(" points");
-            hint(controls.seen("splats:radius", ui.add(radius)), "Radius of the brush");
+            let field = NumberField::new("splats:radius", "Radius of the brush", RADII);
+            let field = NumberField { speed: 0.5, suffix: " points", ..field };
+            let (response, radius) = field.show(ui, self.radius.into(), controls);
+            hint(response, "Radius of the brush");
+            if let Some(radius) = radius {
+                self.radius = radius as f32;
+            }
             for (reach, name, text, about) in [
                 (
                     Reach::Through,

@@ -2,6 +2,7 @@
 
 use super::hud;
 use super::layout::Tool;
+use super::number::NumberField;
 use super::select::SelectTool;
 use super::theme::{self, GRID, Palette};
 use super::widgets::{self, hint};
@@ -191,11 +192,13 @@ impl Panels {
             self.marked = false;
         }
         if compare == Mode::Difference {
-            let gain = egui::DragValue::new(&mut viewer.gain).range(0.0..=65_536.0).speed(0.1).prefix("x ");
-            let gain = self
-                .controls
-                .seen("gain", ui.add(gain.clamp_existing_to_range(false).update_while_editing(false)));
-            hint(gain, "Amplification of the difference");
+            let field = NumberField::new("gain", "Amplification", 0.0..=65_536.0);
+            let field = NumberField { speed: 0.1, prefix: "x ", ..field };
+            let (response, gain) = field.show(ui, viewer.gain.into(), &mut self.controls);
+            hint(response, "Amplification of the difference");
+            if let Some(gain) = gain {
+                viewer.gain = gain as f32;
+            }
         }
     }
 
@@ -263,9 +266,11 @@ impl Panels {
             }
             ui.horizontal(|ui| {
                 ui.label("Pixels per pixel of the window");
-                let scale = egui::DragValue::new(&mut viewer.scale).range(0.05..=4.0).speed(0.01);
-                let scale = scale.clamp_existing_to_range(false).update_while_editing(false);
-                self.controls.see("scale", ui.add(scale).rect);
+                let field = NumberField::new("scale", "Pixels per pixel of the window", 0.05..=4.0);
+                let field = NumberField { speed: 0.01, ..field };
+                if let (_, Some(scale)) = field.show(ui, viewer.scale.into(), &mut self.controls) {
+                    viewer.scale = scale as f32;
+                }
             });
             ui.menu_button("Size of texts", gui_zoom::zoom_menu_buttons);
             ui.horizontal(|ui| {
