@@ -1,9 +1,13 @@
 //! Lists keys and mouse controls in a separate window.
 
-use super::theme;
-use egui::{Align2, Context, RichText};
+use super::controls::Controls;
+use super::theme::{self, GRID, ROW};
+use egui::{Align2, Context, Key, RichText, Ui, Vec2, vec2};
 
-const KEYS: [(&str, &[(&str, &str)]); 5] = [
+/// A subject with its keys and their effects.
+type Subject = (&'static str, &'static [(&'static str, &'static str)]);
+
+const KEYS: [Subject; 5] = [
     (
         "Camera",
         &[
@@ -26,7 +30,7 @@ const KEYS: [(&str, &[(&str, &str)]); 5] = [
             ("R, B", "select by a box, by a brush; again to stop"),
             ("drag, Shift + drag, Ctrl + drag", "replace the selection, add to it, remove from it"),
             ("− +", "radius of the brush"),
-            ("Ctrl + A, I, Esc", "select all, invert, clear"),
+            ("Ctrl + A, I, Esc", "select all that are not hidden, invert, clear"),
             ("X or Delete, U", "hide the selected splats, show all"),
         ],
     ),
@@ -43,7 +47,7 @@ const KEYS: [(&str, &[(&str, &str)]); 5] = [
             ("Tab, Esc", "give the keys to a control, and back to the picture"),
             ("F12, Shift + F12", "save the window; the picture alone"),
             ("F11", "full screen"),
-            ("F1", "this list"),
+            ("F1, Esc", "show or hide this list; arrows and Page keys scroll it"),
         ],
     ),
     (
@@ -55,28 +59,67 @@ const KEYS: [(&str, &[(&str, &str)]); 5] = [
     ),
 ];
 
-pub fn show(ctx: &Context, open: &mut bool) {
-    let middle = ctx.content_rect().center();
-    egui::Window::new("Keys and mouse")
+/// Number of subjects in the left column of a wide window.
+const LEFT: usize = 3;
+
+/// Width of both columns, in points. The window of a narrower display has one column.
+const WIDE: f32 = 1100.0;
+
+/// Draws the window. `scrolling` are the keys pressed in this frame that scroll it.
+pub fn show(ctx: &Context, open: &mut bool, scrolling: &[Key], controls: &mut Controls) {
+    let window = ctx.content_rect();
+    let shown = egui::Window::new("Keys and mouse")
         .open(open)
         .resizable(false)
         .collapsible(false)
         .pivot(Align2::CENTER_CENTER)
-        .default_pos(middle)
+        .default_pos(window.center())
         .show(ctx, |ui| {
-            let height = (ctx.content_rect().height() - 120.0).max(80.0);
-            egui::ScrollArea::vertical().max_height(height).show(ui, |ui| {
-                egui::Grid::new("keys").num_columns(2).spacing([24.0, 4.0]).show(ui, |ui| {
-                    for (subject, rows) in KEYS {
-                        ui.label(RichText::new(subject).family(theme::strong()));
-                        ui.end_row();
-                        for (keys, what) in rows {
-                            ui.label(*keys);
-                            ui.weak(*what);
-                            ui.end_row();
-                        }
-                    }
+            let room = (window.size() - vec2(48.0, 96.0)).max(vec2(80.0, 80.0));
+            // By default, egui limits the height of a window to 400 points.
+            let area = egui::ScrollArea::both().max_width(room.x).max_height(room.y);
+            let area = area.min_scrolled_height(room.y).min_scrolled_width(room.x);
+            area.show(ui, |ui| {
+                scrolling.iter().for_each(|key| ui.scroll_with_delta(moved(*key, room.y)));
+                let (left, right) = KEYS.split_at(if window.width() < WIDE { KEYS.len() } else { LEFT });
+                ui.horizontal_top(|ui| {
+                    column(ui, "keys", left);
+                    ui.add_space(8.0 * GRID);
+                    column(ui, "more keys", right);
                 });
+                controls.see("keys:all", ui.min_rect());
             });
         });
+    if let Some(shown) = shown {
+        controls.see("keys", shown.response.rect);
+    }
+}
+
+fn column(ui: &mut Ui, name: &str, subjects: &[Subject]) {
+    egui::Grid::new(name).num_columns(2).spacing([24.0, 4.0]).show(ui, |ui| {
+        for (subject, rows) in subjects {
+            ui.label(RichText::new(*subject).family(theme::strong()));
+            ui.end_row();
+            for (keys, what) in *rows {
+                ui.label(*keys);
+                ui.weak(*what);
+                ui.end_row();
+            }
+        }
+    });
+}
+
+/// Returns by how much a key moves the list, in points. `page` is the height of the window.
+fn moved(key: Key, page: f32) -> Vec2 {
+    match key {
+        Key::ArrowDown => vec2(0.0, -2.0 * ROW),
+        Key::ArrowUp => vec2(0.0, 2.0 * ROW),
+        Key::ArrowRight => vec2(-2.0 * ROW, 0.0),
+        Key::ArrowLeft => vec2(2.0 * ROW, 0.0),
+        Key::PageDown => vec2(0.0, ROW - page),
+        Key::PageUp => vec2(0.0, page - ROW),
+        Key::Home => vec2(0.0, f32::from(u16::MAX)),
+        Key::End => vec2(0.0, -f32::from(u16::MAX)),
+        _ => Vec2::ZERO,
+    }
 }

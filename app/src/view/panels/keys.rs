@@ -1,25 +1,19 @@
 //! Applies keyboard shortcuts that are independent of any control.
 
 use super::controls::Command;
+use super::keyboard::{Press, is_plain};
 use super::{Panels, Tool, cameras, widgets};
 use crate::view::viewer::Viewer;
 use egui::{Context, Key};
 
 impl Panels {
-    /// Applies the shortcuts pressed in this frame, unless a control or an open list takes the keys.
+    /// Applies the shortcuts that were pressed in this frame and reach the viewer.
     pub(super) fn keys(&mut self, ctx: &Context, viewer: &mut Viewer) {
-        if widgets::takes_keys(ctx) {
-            return;
-        }
-        let pressed = |event: &egui::Event| match event {
-            egui::Event::Key { key, pressed: true, repeat: false, modifiers, .. } => Some((*key, *modifiers)),
-            _ => None,
-        };
-        let pressed: Vec<_> = ctx.input(|input| input.events.iter().filter_map(pressed).collect());
-        for (key, modifiers) in pressed {
-            // Some keyboards type brackets with Alt.
-            let types = matches!(key, Key::OpenBracket | Key::CloseBracket);
-            if !types && !modifiers.command && !widgets::is_plain(modifiers) {
+        self.keyboard.read(ctx, self.help);
+        for Press { key, modifiers, repeat } in self.keyboard.presses().to_vec() {
+            // Some keyboards type brackets with Alt. A held bracket runs through the cameras.
+            let is_bracket = matches!(key, Key::OpenBracket | Key::CloseBracket);
+            if !is_bracket && (repeat || !modifiers.command && !is_plain(modifiers)) {
                 continue;
             }
             match (key, modifiers.command) {
@@ -50,6 +44,7 @@ impl Panels {
                 }),
                 (Key::K, _) => cameras::record(viewer).into_iter().for_each(|text| self.toasts.done(text)),
                 (Key::P, _) => cameras::toggle(viewer),
+                (Key::Escape, _) if self.help => self.help = false,
                 (Key::Escape, _) if self.select.is_active() => self.select.leave(),
                 (Key::Escape, _) => {
                     self.selection = None;

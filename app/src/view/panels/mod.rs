@@ -11,6 +11,7 @@ mod failures;
 mod help;
 mod hud;
 mod inspector;
+mod keyboard;
 mod keys;
 mod layout;
 mod number;
@@ -38,6 +39,7 @@ use crate::draw::select::{Reach, Region};
 use crate::draw::stats::median;
 use egui::{Align2, CentralPanel, Context, Panel, Rect, Ui};
 use indexmap::IndexSet;
+use keyboard::Keyboard;
 use layout::Layout;
 use presets::Presets;
 use selection::{Dumped, Selection};
@@ -102,6 +104,7 @@ pub struct Panels {
     pub controls: Controls,
     /// True to show the window of keys and mouse controls.
     pub help: bool,
+    keyboard: Keyboard,
     layout: Layout,
     selection: Option<Selection>,
     /// Item that the command line selected, until a plan of A contains it.
@@ -160,6 +163,7 @@ impl Default for Panels {
             selected: RendererId::A,
             controls: Controls::default(),
             help: false,
+            keyboard: Keyboard::default(),
             layout: Layout::default(),
             selection: None,
             requested: None,
@@ -342,6 +346,7 @@ impl Panels {
         window_failure: Option<&str>,
     ) -> PanelOutput {
         self.controls.clear();
+        let focused = ui.memory(|memory| memory.focused());
         self.time(ui.ctx(), viewer.a.history.frames(), viewer.a.renderer.in_flight() == 0);
         self.keys(ui.ctx(), viewer);
         if viewer.b.is_none() || viewer.compare == Mode::A {
@@ -367,10 +372,11 @@ impl Panels {
             self.floating(ui, viewer, window, area);
         }
         self.over_picture(ui.ctx(), viewer, window_failure, view);
-        help::show(ui.ctx(), &mut self.help);
+        help::show(ui.ctx(), &mut self.help, self.keyboard.scrolling(), &mut self.controls);
         if let Some(text) = self.controls.refused.take() {
             self.log_event(&Event::Problem { text });
         }
+        widgets::keep_focus(ui.ctx(), focused);
         widgets::focus_ring(ui.ctx());
         self.report_copy(ui.ctx());
         self.step(ui.ctx(), viewer);
@@ -471,7 +477,9 @@ impl Panels {
     fn view(&mut self, ui: &mut Ui, viewer: &mut Viewer) -> Rect {
         let rect = ui.max_rect();
         self.controls.see("view", rect);
-        if let Some((id, at)) = self.drag.act(ui, rect, viewer, &mut self.wheel, &mut self.select) {
+        if let Some((id, at)) =
+            self.drag.act(ui, rect, viewer, &mut self.wheel, &mut self.select, &self.keyboard)
+        {
             viewer.pick(id, at);
             self.selection = Some(Selection::Splat);
         }

@@ -246,11 +246,14 @@ fn cells(
         if let Some(value) = edited.inner {
             change = Some((param.name.clone(), Some(value)));
         }
+        // Drawn invisibly without a change: a button that disappears would lose the keyboard focus. Drawn in a child, so
+        // that its symbol, which is higher than a row, does not move the rows below.
+        let (_, rect) = ui.allocate_space(egui::vec2(RESET - theme::GRID, ROW - 4.0));
+        let layout = Layout::centered_and_justified(egui::Direction::LeftToRight);
+        let mut child = ui.new_child(UiBuilder::new().max_rect(rect).layout(layout));
+        let reset = child.add_visible(modified, egui::Button::new("↺").frame(false));
         if modified {
-            let reset = controls.seen(
-                &format!("reset:{}", param.name),
-                ui.add_sized([RESET - theme::GRID, ROW - 4.0], egui::Button::new("↺").frame(false)),
-            );
+            controls.see(&format!("reset:{}", param.name), reset.rect);
             if hint(reset, format!("Back to {}", control.unset)).clicked() {
                 change = Some((param.name.clone(), None));
             }

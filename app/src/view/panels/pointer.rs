@@ -1,6 +1,7 @@
 //! Converts pointer and key input over the picture to camera motion, moves of the split line, and splat selection.
 
-use super::{hud, select, widgets};
+use super::keyboard::{Keyboard, is_plain};
+use super::{hud, select};
 use crate::view::events::RendererId;
 use crate::view::navigation::Input;
 use crate::view::paint::Mode;
@@ -34,6 +35,7 @@ impl Drag {
         viewer: &mut Viewer,
         wheel: &mut Wheel,
         select: &mut select::State,
+        keyboard: &Keyboard,
     ) -> Option<(RendererId, [f32; 2])> {
         // The view never takes keyboard focus: without a focused control, keys already go to the camera.
         let response = ui.interact(view, ui.scope_id().with("view"), Sense::CLICK | Sense::DRAG);
@@ -87,23 +89,17 @@ impl Drag {
         if near || moves_line {
             ui.ctx().set_cursor_icon(CursorIcon::ResizeHorizontal);
         }
-        let keyboard = !widgets::takes_keys(ui.ctx());
         let notch = ui.ctx().options(|options| options.input_options.line_scroll_speed);
         let scrolled = ui.input(|input| wheel.read(input, notch));
         let (moved, modifiers, seconds) =
             ui.input(|input| (input.pointer.delta(), input.modifiers, input.stable_dt));
-        let held = |key| f64::from(keyboard && ui.input(|input| input.key_down(key)));
+        let held = |key| f64::from(keyboard.held_plainly(key));
         let along = |more, less| held(more) - held(less);
-        let plain = |event: &egui::Event, wanted| match event {
-            egui::Event::Key { key, pressed: true, modifiers, .. } => {
-                *key == wanted && widgets::is_plain(*modifiers)
-            }
-            _ => false,
-        };
-        let pressed =
-            |wanted| keyboard && ui.input(|input| input.events.iter().any(|event| plain(event, wanted)));
+        // Ctrl slows a flight down.
+        let flown = |key| f64::from(keyboard.held(key));
+        let flown_along = |more, less| flown(more) - flown(less);
         // With the brush, these keys change its radius.
-        let zooms = if select.is_brush() || !widgets::is_plain(modifiers) {
+        let zooms = if select.is_brush() || !is_plain(modifiers) {
             0.0
         } else {
             NOTCHES_PER_SECOND
@@ -130,10 +126,10 @@ impl Drag {
             shift: modifiers.shift,
             ctrl: modifiers.ctrl,
             scroll: zooms + if over { scrolled.notches } else { 0.0 },
-            fly: [along(Key::D, Key::A), along(Key::E, Key::Q), along(Key::W, Key::S)],
+            fly: [flown_along(Key::D, Key::A), flown_along(Key::E, Key::Q), flown_along(Key::W, Key::S)],
             orbit: [along(Key::ArrowRight, Key::ArrowLeft), along(Key::ArrowDown, Key::ArrowUp)],
-            frame: pressed(Key::F) || response.double_clicked() && !select.is_brush(),
-            home: pressed(Key::Home),
+            frame: keyboard.pressed(Key::F) || response.double_clicked() && !select.is_brush(),
+            home: keyboard.pressed(Key::Home),
             seconds: seconds.into(),
         });
         let clicked = response.clicked() && (select.is_brush() || !response.double_clicked());

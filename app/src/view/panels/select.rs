@@ -271,22 +271,27 @@ impl State {
         });
     }
 
-    /// Draws the path field and the buttons that write a file, or the progress of a file being written.
+    /// Draws the path field and the buttons that write a file, and the progress of a file being written.
     fn files(&mut self, ui: &mut Ui, viewer: &mut Viewer, id: RendererId, controls: &mut Controls) {
-        if let Some(text) = viewer.exporting() {
+        let writing = viewer.exporting();
+        if let Some(text) = &writing {
             ui.horizontal(|ui| {
                 ui.spinner();
                 ui.add(egui::Label::new(text).truncate());
             });
-            return;
         }
         let scene = viewer.scene_path_of(id);
         // The name of another scene is not kept, unless the user wrote it.
-        if self.path.is_empty() || self.path == self.proposed.1 && self.proposed.0 != scene {
+        let is_stale = self.path.is_empty() || self.path == self.proposed.1 && self.proposed.0 != scene;
+        if is_stale && writing.is_none() {
             self.path = fresh(&viewer.folder, scene).display().to_string();
             self.proposed = (scene.to_owned(), self.path.clone());
         }
         ui.horizontal_wrapped(|ui| {
+            // Disabled rather than left out: a button that disappears would lose the keyboard focus.
+            if writing.is_some() {
+                ui.disable();
+            }
             let field = TextEdit::singleline(&mut self.path).desired_width(240.0);
             hint(
                 controls.seen("splats:path", ui.add(field)),

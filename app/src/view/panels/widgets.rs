@@ -55,17 +55,6 @@ pub fn on_off(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
 
-/// Returns true if a control or an open list or menu takes the keys. They must not act as shortcuts then.
-pub fn takes_keys(ctx: &Context) -> bool {
-    ctx.egui_wants_keyboard_input() || Popup::is_any_open(ctx)
-}
-
-/// Returns true if no modifier but Shift is held. Shortcuts of a single key require this, because other programs use
-/// the same key with Ctrl or Alt for something else.
-pub fn is_plain(modifiers: egui::Modifiers) -> bool {
-    !(modifiers.alt || modifiers.ctrl || modifiers.command)
-}
-
 /// Draws a ring around the control that has the keyboard focus.
 pub fn focus_ring(ctx: &Context) {
     let focused = ctx.memory(|memory| memory.focused()).and_then(|id| ctx.read_response(id));
@@ -74,6 +63,18 @@ pub fn focus_ring(ctx: &Context) {
     // Not the accent colour, which controls that are on already have.
     let stroke = Stroke::new(2.0, Palette::in_mode(ctx.theme() == egui::Theme::Dark).ink);
     painter.rect_stroke(response.rect.expand(1.0), 4.0, stroke, egui::StrokeKind::Outside);
+}
+
+/// Returns the keyboard focus to a control that was disabled in this frame, such as a button that its own click disables.
+/// The next key would reach the viewer otherwise. From a disabled control, Tab goes on to the next one. `before` had the
+/// focus when the frame began. Must be called after all controls.
+pub fn keep_focus(ctx: &Context, before: Option<egui::Id>) {
+    let now = ctx.memory(|memory| memory.focused());
+    let Some(id) = before.filter(|_| now.is_none()) else { return };
+    let leaves = ctx.input(|input| input.pointer.any_pressed() || input.key_pressed(egui::Key::Tab));
+    if !leaves && ctx.read_response(id).is_some_and(|control| !control.enabled()) {
+        ctx.memory_mut(|memory| memory.request_focus(id));
+    }
 }
 
 /// Scrolls to the control that has just got the keyboard focus, if it is in this scroll area. Must be called after the

@@ -4,6 +4,7 @@ mod cameras;
 mod compilers;
 mod faults;
 mod idle;
+mod keyboard;
 mod panels;
 mod room;
 mod scene_watch;

@@ -11,7 +11,7 @@ use splatgraph_framework::ir::Value;
 use splatgraph_null::Config;
 
 /// Opens a window with these tools, at rest.
-fn window(tools: &[Tool]) -> Script {
+pub fn window(tools: &[Tool]) -> Script {
     let mut script = Script::open(&Config::default());
     script.viewer().continuous = false;
     script.resize((1280, 800));
@@ -35,7 +35,7 @@ fn click_at(script: &mut Script, pos: Pos2) {
 }
 
 /// Clicks a control; returns its position.
-fn click(script: &mut Script, name: &str) -> Pos2 {
+pub fn click(script: &mut Script, name: &str) -> Pos2 {
     let place = script.panels().controls.find(name).unwrap_or_else(|| panic!("{name} is not shown")).center();
     click_at(script, place);
     place
@@ -105,7 +105,7 @@ fn a_single_key_with_ctrl_or_alt_is_another_shortcut() {
 }
 
 /// Returns the control that has the keyboard focus.
-fn focused(script: &Script) -> Option<egui::Response> {
+pub fn focused(script: &Script) -> Option<egui::Response> {
     let ctx = script.context();
     ctx.memory(|memory| memory.focused()).and_then(|id| ctx.read_response(id))
 }

@@ -1,0 +1,240 @@
+//! Tests which keys reach the viewer, and what they do in lists and fields.
+
+use super::key;
+use super::panels::{click, focused, window};
+use super::script::Script;
+use crate::view::events::{Event, RendererId};
+use crate::view::paint::Mode;
+use crate::view::panels::Tool;
+use egui::{Event::Text, Key, Modifiers};
+use splatgraph_assets::Camera;
+use splatgraph_framework::ir::Value;
+
+/// Presses a key, holds it for some frames, and releases it.
+fn hold(script: &mut Script, held: Key, modifiers: Modifiers) {
+    script.input = vec![key(held, true, modifiers)];
+    (0..5).for_each(|_| drop(script.frame(false)));
+    script.input = vec![key(held, false, Modifiers::NONE)];
+    script.frame(false);
+}
+
+/// Presses Tab until the control `name` has the focus.
+fn tab_to(script: &mut Script, name: &str) {
+    for _ in 0..80 {
+        script.press(Key::Tab, Modifiers::NONE);
+        let place = script.panels().controls.find(name);
+        if focused(script).is_some_and(|control| Some(control.rect) == place) {
+            return;
+        }
+    }
+    panic!("Tab never reaches {name}");
+}
+
+fn camera(script: &mut Script) -> Camera {
+    script.viewer().navigation.camera(640, 360)
+}
+
+/// Returns cameras side by side whose fields of view have more digits than are shown.
+fn cameras(script: &mut Script, count: u32) -> Vec<Camera> {
+    let first = Camera::framing(script.viewer().scene(), 640, 360);
+    let camera = |index: u32| {
+        let mut camera = first.clone();
+        camera.img_name = format!("{index:06}_camera_front_left.png");
+        camera.position[0] += 0.01 * f64::from(index);
+        (camera.fx, camera.fy) = (412.345_678, 412.345_678);
+        camera
+    };
+    (0..count).map(camera).collect()
+}
+
+#[test]
+fn tab_through_the_field_of_view_leaves_the_camera_and_a_comma_is_a_decimal_point() {
+    let mut script = window(&[Tool::Cameras]);
+    let cameras = cameras(&mut script, 1);
+    script.viewer().set_cameras(cameras);
+    script.frame(false);
+    let before = camera(&mut script);
+    tab_to(&mut script, "field_of_view#");
+    (0..3).for_each(|_| script.press(Key::Tab, Modifiers::NONE));
+    assert_eq!(camera(&mut script), before);
+    assert_eq!(script.viewer().shown_camera(), Some(0));
+    for (text, degrees, told) in [("52,5", 52.5, false), ("x", 52.5, true), ("500", 150.0, true)] {
+        script.until("no toast", |script| script.panels().controls.find("toast").is_none());
+        click(&mut script, "field_of_view#");
+        script.input = vec![Text(text.to_owned())];
+        script.frame(false);
+        script.press(Key::Enter, Modifiers::NONE);
+        script.frame(false);
+        assert!((script.viewer().navigation.field_of_view() - degrees).abs() < 1e-9, "{text}");
+        assert_eq!(script.panels().controls.find("toast").is_some(), told, "{text}");
+        script.sleep(20);
+    }
+    script.close(&[]);
+}
+
+#[test]
+fn a_button_that_its_own_click_disables_or_hides_keeps_the_keys() {
+    for (button, next) in [("reset_all", true), ("reset:digits", false)] {
+        let mut script = window(&[Tool::Parameters]);
+        script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
+        script.settle();
+        script.viewer().continuous = false;
+        tab_to(&mut script, button);
+        let id = focused(&script).expect("the button").id;
+        script.press(Key::Enter, Modifiers::NONE);
+        assert!(script.viewer().a.renderer.set().is_empty(), "{button}");
+        (0..3).for_each(|_| drop(script.frame(false)));
+        assert_eq!(focused(&script).map(|control| control.id), Some(id), "{button}");
+        let before = camera(&mut script);
+        script.press(Key::Tab, Modifiers::NONE);
+        let after = focused(&script).expect("the next control");
+        assert!(after.id != id && after.enabled(), "{button}");
+        script.press(Key::Tab, Modifiers { shift: true, ..Modifiers::NONE });
+        hold(&mut script, Key::ArrowDown, Modifiers::NONE);
+        if next {
+            assert_eq!(camera(&mut script), before, "{button}");
+        }
+        script.close(&[]);
+    }
+}
+
+#[test]
+fn the_list_of_keys_uses_the_window_scrolls_by_keys_and_closes_with_escape() {
+    let mut script = window(&[]);
+    script.resize((900, 500));
+    script.settle();
+    script.viewer().select_all(RendererId::A);
+    let before = camera(&mut script);
+    script.press(Key::F1, Modifiers::NONE);
+    (0..10).for_each(|_| drop(script.frame(false)));
+    let find = |script: &mut Script, name: &str| script.panels().controls.find(name);
+    let (shown, all) = (find(&mut script, "keys").expect("the list"), find(&mut script, "keys:all").unwrap());
+    assert!(shown.height() > 400.0 && shown.bottom() <= 500.0, "{shown}");
+    assert!(all.bottom() > shown.bottom(), "{all} in {shown}");
+    hold(&mut script, Key::End, Modifiers::NONE);
+    let end = find(&mut script, "keys:all").unwrap();
+    assert!(end.top() < all.top() - 100.0 && end.bottom() <= shown.bottom(), "{all} to {end}");
+    for key in [Key::ArrowUp, Key::PageUp, Key::Home] {
+        hold(&mut script, key, Modifiers::NONE);
+    }
+    assert_eq!(find(&mut script, "keys:all"), Some(all));
+    assert_eq!(camera(&mut script), before);
+    script.press(Key::Escape, Modifiers::NONE);
+    assert!(!script.panels().help && !script.viewer().marks(RendererId::A).selected.is_empty());
+    script.press(Key::Escape, Modifiers::NONE);
+    assert!(script.viewer().marks(RendererId::A).selected.is_empty());
+    script.close(&[]);
+}
+
+#[test]
+fn a_wide_window_shows_all_keys_at_once() {
+    let mut script = window(&[]);
+    script.press(Key::F1, Modifiers::NONE);
+    (0..10).for_each(|_| drop(script.frame(false)));
+    let [shown, all] = ["keys", "keys:all"].map(|name| script.panels().controls.find(name).unwrap());
+    assert!(shown.contains_rect(all), "{all} in {shown}");
+    script.close(&[]);
+}
+
+#[test]
+fn a_key_that_was_pressed_with_ctrl_moves_no_camera_after_ctrl_is_released() {
+    let mut script = window(&[]);
+    let before = camera(&mut script);
+    for held in [Key::Equals, Key::Minus, Key::ArrowLeft] {
+        hold(&mut script, held, Modifiers::CTRL | Modifiers::COMMAND);
+    }
+    assert_eq!(camera(&mut script), before);
+    hold(&mut script, Key::Equals, Modifiers::NONE);
+    assert_ne!(camera(&mut script), before);
+    script.close(&[]);
+}
+
+#[test]
+fn shortcuts_with_ctrl_and_function_keys_act_while_a_control_has_the_focus() {
+    let mut script = window(&[Tool::Parameters]);
+    let undo = Modifiers::CTRL | Modifiers::COMMAND;
+    tab_to(&mut script, "param:shade");
+    script.press(Key::ArrowRight, Modifiers::NONE);
+    assert!(!script.viewer().a.renderer.set().is_empty());
+    script.press(Key::Z, undo);
+    script.frame(false);
+    assert!(script.viewer().a.renderer.set().is_empty());
+    script.press(Key::H, Modifiers::NONE);
+    assert!(!script.panels().hidden, "a single key belongs to the control");
+    script.press(Key::ArrowRight, Modifiers::NONE);
+    tab_to(&mut script, "param:shade#");
+    script.press(Key::Z, undo);
+    script.frame(false);
+    assert!(!script.viewer().a.renderer.set().is_empty(), "a text field undoes its text");
+    script.press(Key::F1, Modifiers::NONE);
+    assert!(script.panels().help);
+    script.close(&[]);
+}
+
+#[test]
+fn a_list_opens_at_its_current_item_and_down_enters_it_there() {
+    let mut script = window(&[]);
+    let cameras = cameras(&mut script, 200);
+    script.viewer().set_cameras(cameras);
+    script.frame(false);
+    // The system repeats a held key.
+    script.input = vec![key(Key::CloseBracket, true, Modifiers::NONE)];
+    for _ in 0..150 {
+        script.frame(false);
+        script.input = vec![key(Key::CloseBracket, true, Modifiers::NONE)];
+    }
+    script.input = vec![key(Key::CloseBracket, false, Modifiers::NONE)];
+    script.frame(false);
+    assert_eq!(script.viewer().camera, Some(150));
+    click(&mut script, "camera");
+    (0..10).for_each(|_| drop(script.frame(false)));
+    let [field, row] =
+        ["camera_search", "camera:150"].map(|name| script.panels().controls.find(name).expect("it is open"));
+    assert!(row.top() > field.bottom() && row.bottom() < field.bottom() + 320.0, "{row} below {field}");
+    script.press(Key::ArrowDown, Modifiers::NONE);
+    let row = script.panels().controls.find("camera:150");
+    assert_eq!(focused(&script).map(|control| control.rect), row);
+    script.press(Key::ArrowDown, Modifiers::NONE);
+    script.press(Key::Enter, Modifiers::NONE);
+    assert_eq!(script.viewer().camera, Some(151));
+    script.close(&[]);
+}
+
+#[test]
+fn the_card_of_a_comparison_is_in_its_place_in_the_first_frame_of_the_result() {
+    let mut script = window(&[]);
+    script.viewer().choose_compare(Mode::Split);
+    script.settle();
+    script.viewer().measure();
+    let mut cards = Vec::new();
+    script.until("the result", |script| {
+        let mut find = |name: &str| script.panels().controls.find(name);
+        cards.extend(find("comparison").zip(find("view")));
+        script.has_event(|event| matches!(event, Event::Compared { .. }))
+    });
+    script.frame(false);
+    let found = ["comparison", "view", "worst"].map(|name| script.panels().controls.find(name));
+    let [Some(card), Some(view), Some(worst)] = found else { panic!("the card has the result: {found:?}") };
+    // The card's rectangle is that of the next frame, its button's that of this one.
+    assert!(card.contains_rect(worst), "{worst} in {card}");
+    cards.push((card, view));
+    for (card, view) in cards {
+        assert!(view.contains_rect(card), "{card} in {view}");
+        assert!((card.center().x - view.center().x).abs() < 1.0, "{card} in {view}");
+    }
+    script.close(&[]);
+}
+
+#[test]
+fn settings_can_be_reset_before_the_first_plan() {
+    let folder = super::script::arranged();
+    std::fs::write(folder.path().join("graph.ron"), "Graph(").expect("it is written");
+    let mut script = Script::open_in(folder, &splatgraph_null::Config::default(), false);
+    script.until("the error", |script| script.viewer().a.renderer.failure().is_some());
+    let renderer = &mut script.viewer().a.renderer;
+    let set = [("digits".to_owned(), "6".to_owned())].into_iter().collect();
+    renderer.replace_set(&set);
+    assert_eq!(*renderer.set(), set, "Undo restores settings");
+    renderer.reset_params();
+    assert!(renderer.set().is_empty());
+}
