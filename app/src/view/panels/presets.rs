@@ -49,9 +49,11 @@ impl Presets {
             self.found = self.look(Path::new("."), renderer.graph());
         }
         let mut chosen = None;
-        let wanted = widgets::search_or_open(ui, &mut self.search, "graph_search", controls);
-        let rank =
-            |Entry { graph, summary }: &&Entry| widgets::rank(&wanted, &[graph, &file_name(graph)], summary);
+        let search = widgets::search_or_open(ui, &mut self.search, "graph_search", controls);
+        let rank = |Entry { graph, summary }: &&Entry| {
+            widgets::rank(&search.wanted, &[graph, &file_name(graph)], summary)
+        };
+        let is_current = |Entry { graph, .. }: &&Entry| graph == renderer.graph();
         let row = |ui: &mut Ui, Entry { graph, summary }: &&Entry| {
             // Show only the last component: the tooltip has the whole path.
             let name = Path::new(graph).file_name().unwrap_or_default().to_string_lossy();
@@ -66,9 +68,10 @@ impl Presets {
         let height = (ui.ctx().content_rect().height() - 140.0).max(100.0);
         // By default, egui limits the height of a menu to 400 points.
         egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height).show(ui, |ui| {
-            let found =
-                widgets::list(ui, controls, &wanted, self.entries.iter().chain(&self.found), rank, row);
+            let entries = self.entries.iter().chain(&self.found);
+            let found = widgets::list(ui, controls, &search, entries, rank, is_current, row);
             chosen = found.map(|entry| entry.graph.clone());
+            widgets::follow_focus(ui);
         });
         chosen
     }

@@ -106,17 +106,18 @@ impl Panels {
         let mut chosen = None;
         let title = file_name(&path.to_string_lossy());
         let button = drop_down(ui, whose(selected), &title, TITLE, |ui| {
-            let wanted = widgets::search_or_open(ui, search, "scene_search", controls);
+            let search = widgets::search_or_open(ui, search, "scene_search", controls);
             let rank = |scene: &&PathBuf| {
                 let path = scene.to_string_lossy();
-                widgets::rank(&wanted, &[&file_name(&path)], &path)
+                widgets::rank(&search.wanted, &[&file_name(&path)], &path)
             };
+            let is_current = |scene: &&PathBuf| **scene == recent[0];
             let row = |ui: &mut Ui, scene: &&PathBuf| {
                 let path = scene.display().to_string();
-                let item = ui.selectable_label(**scene == recent[0], named(scene));
+                let item = ui.selectable_label(is_current(scene), named(scene));
                 (format!("scene:{path}"), hint(item, path))
             };
-            chosen = widgets::list(ui, controls, &wanted, recent, rank, row).cloned();
+            chosen = widgets::list(ui, controls, &search, recent, rank, is_current, row).cloned();
         });
         self.controls.see("scene", button.rect);
         let of = if selected == RendererId::B { "Scene of B" } else { "Scene" };
@@ -127,30 +128,34 @@ impl Panels {
     }
 
     fn camera_list(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
-        let names: Vec<String> = viewer.cameras.iter().enumerate().map(camera_name).collect();
+        let names: Vec<[String; 2]> = viewer.cameras.iter().enumerate().map(camera_name).collect();
         let (cameras, now) = (&viewer.cameras, viewer.shown_camera());
         let (search, controls) = (&mut self.camera_search, &mut self.controls);
         let mut chosen = None;
-        let title = now.map_or("free camera", |index| &names[index]);
-        let button = drop_down(ui, "", title, TITLE, |ui| {
+        let [number, name] =
+            now.map_or(["", "free camera"], |index| names[index].each_ref().map(String::as_str));
+        let button = drop_down(ui, number, name, TITLE, |ui| {
             if names.is_empty() {
                 ui.weak("Drop a cameras.json on the window to list its cameras.");
                 return;
             }
-            let wanted = widgets::search(ui, search, "camera_search", controls);
-            let rank = |(index, name): &(usize, &String)| {
-                widgets::rank(&wanted, &[name, &cameras[*index].img_name], "")
+            let search = widgets::search(ui, search, "camera_search", controls);
+            let items = names.iter().map(|[number, name]| format!("{number}{name}")).enumerate();
+            let rank = |(index, name): &(usize, String)| {
+                widgets::rank(&search.wanted, &[name, &cameras[*index].img_name], "")
             };
-            let row = |ui: &mut Ui, (index, name): &(usize, &String)| {
-                (format!("camera:{index}"), ui.selectable_label(now == Some(*index), *name))
+            let is_current = |(index, _): &(usize, String)| now == Some(*index);
+            let row = |ui: &mut Ui, item: &(usize, String)| {
+                (format!("camera:{}", item.0), ui.selectable_label(is_current(item), &item.1))
             };
             egui::ScrollArea::vertical().max_height(320.0).show(ui, |ui| {
-                let found = widgets::list(ui, controls, &wanted, names.iter().enumerate(), rank, row);
+                let found = widgets::list(ui, controls, &search, items, rank, is_current, row);
                 chosen = found.map(|(index, _)| index);
+                widgets::follow_focus(ui);
             });
         });
         self.controls.see("camera", button.rect);
-        hint(button, "Camera ([ and ] go through the list)");
+        hint(button, format!("{number}{name}\nCamera; [ and ] go through the list"));
         if let Some(index) = chosen {
             viewer.look_through(index);
         }
@@ -332,9 +337,10 @@ fn named(scene: &Path) -> String {
     folder.map_or(name.clone(), |folder| format!("{name}   ({folder})"))
 }
 
-fn camera_name((index, camera): (usize, &Camera)) -> String {
+/// Returns a camera's number, as the start of its title, and its name.
+fn camera_name((index, camera): (usize, &Camera)) -> [String; 2] {
     match camera.img_name.as_str() {
-        "" => format!("camera {index}"),
-        name => format!("{index}: {name}"),
+        "" => [String::new(), format!("camera {index}")],
+        name => [format!("{index}: "), name.to_owned()],
     }
 }

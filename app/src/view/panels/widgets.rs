@@ -124,9 +124,8 @@ pub struct Search {
     enters: bool,
 }
 
-/// Draws the search field of a list; returns its text in lower case, for matching. When the list opens, the field is
-/// empty and has the keyboard focus.
-pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Controls) -> String {
+/// Draws the search field of a list. When the list opens, the field is empty and has the keyboard focus.
+pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Controls) -> Search {
     let id = ui.make_persistent_id(name);
     let now = ui.ctx().cumulative_frame_nr();
     let shown = ui.data(|data| data.get_temp::<u64>(id));
@@ -143,7 +142,8 @@ pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Control
         }
         controls.see(name, field.rect);
     }
-    text.trim().to_lowercase()
+    let enters = field.has_focus() && ui.input(|input| input.key_pressed(egui::Key::ArrowDown));
+    Search { wanted: text.trim().to_lowercase(), opens, enters }
 }
 
 /// Ranks an item of a searched list; `None` if nothing matches. An equal name comes first, then names that begin with
@@ -157,31 +157,44 @@ pub fn rank(wanted: &str, names: &[&str], about: &str) -> Option<u8> {
     names.iter().filter_map(|name| of(name)).min().or_else(|| of(about).map(|_| 3))
 }
 
-/// Draws the items of an open list that have a [`rank`] for `wanted`, the best match first. Returns the item that is
-/// clicked, or the best match if Enter is pressed and `wanted` is not empty, and closes the list. `row` draws an item,
-/// and returns its name for scripts.
+/// Draws the items of an open list that have a [`rank`], the best match first. Returns the item that is clicked, or the
+/// best match if Enter is pressed and the search field is not empty, and closes the list. `row` draws an item, and
+/// returns its name for scripts.
+///
+/// The list opens at the current item. Down in the search field moves the focus to it, or to the best match.
 pub fn list<T>(
     ui: &mut Ui,
     controls: &mut Controls,
-    wanted: &str,
+    search: &Search,
     items: impl IntoIterator<Item = T>,
     rank: impl Fn(&T) -> Option<u8>,
+    is_current: impl Fn(&T) -> bool,
     row: impl Fn(&mut Ui, &T) -> (String, Response),
 ) -> Option<T> {
-    let enter = !wanted.is_empty() && ui.input(|input| input.key_pressed(egui::Key::Enter));
+    let searches = !search.wanted.is_empty();
+    let enter = searches && ui.input(|input| input.key_pressed(egui::Key::Enter));
     let mut chosen = None;
     let found = ranked(items, rank);
-    if found.is_empty() && !wanted.is_empty() {
+    if found.is_empty() && searches {
         let text = ui.weak("Nothing matches.");
         if ui.is_visible() {
             controls.see("nothing_matches", text.rect);
         }
     }
+    let first = if searches { 0 } else { found.iter().position(is_current).unwrap_or(0) };
     for (place, item) in found.into_iter().enumerate() {
         let (name, response) = row(ui, &item);
         // egui lays out an opening list once invisibly, at another position.
         if ui.is_visible() {
             controls.see(&name, response.rect);
+        }
+        if place == first && search.enters {
+            response.request_focus();
+        }
+        // The start of the list stays in view if the first item is the current one.
+        if place == first && place > 0 && search.opens {
+            let at_once = egui::style::ScrollAnimation::none();
+            ui.scroll_to_rect_animation(response.rect, Some(Align::Center), at_once);
         }
         if response.clicked() || enter && place == 0 {
             ui.close();
@@ -199,14 +212,14 @@ fn ranked<T>(items: impl IntoIterator<Item = T>, rank: impl Fn(&T) -> Option<u8>
 }
 
 /// Draws a search field, as [`search`] does, beside a button that opens a file.
-pub fn search_or_open(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Controls) -> String {
+pub fn search_or_open(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Controls) -> Search {
     let row = ui.horizontal(|ui| {
-        let wanted = search(ui, text, name, controls);
+        let search = search(ui, text, name, controls);
         if ui.button("Open a file…").clicked() {
             controls.commands.push(Command::Open);
             ui.close();
         }
-        wanted
+        search
     });
     row.inner
 }
