@@ -90,7 +90,7 @@ fn scale(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
 fn views(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
     heading(ui, "Saved views");
     // Above the list: below it, a new row would move under the pointer, and a second click would remove the view.
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         if controls.seen("save_view", ui.button("Save this view")).clicked() {
             viewer.save_view("view");
         }

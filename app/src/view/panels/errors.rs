@@ -98,7 +98,9 @@ impl State {
                     let glyph =
                         ui.fonts_mut(|fonts| fonts.glyph_width(&FontId::monospace(TEXT), ' ')).max(1.0);
                     let columns = ((ui.max_rect().width() / glyph) as usize).max(8);
-                    let height = (0.6 * view.height()).max(60.0);
+                    // The buttons stay in view in a small window.
+                    let room = view.height() - ui.min_rect().height() - 32.0;
+                    let height = (0.6 * view.height()).min(room).max(40.0);
                     let scroll = egui::ScrollArea::both().max_height(height).min_scrolled_height(height);
                     scroll.show(ui, |ui| {
                         for text in &texts {

@@ -4,10 +4,11 @@ use super::controls::Controls;
 use super::theme::{self, GRID, Palette, TEXT};
 use super::widgets;
 use crate::view::events::{Cause, Event, RendererId};
+use crate::view::paint::Mode;
 use crate::view::viewer::Viewer;
 use egui::{
-    Align2, Area, Color32, Context, CornerRadius, FontId, Frame, Id, Margin, Order, Rect, RichText, Stroke,
-    Ui, pos2, vec2,
+    Align2, Area, Color32, Context, CornerRadius, FontId, Frame, Id, InnerResponse, Margin, Order, Rect,
+    RichText, Stroke, Ui, pos2, vec2,
 };
 use splatgraph_api::Device;
 use splatgraph_assets::grouped;
@@ -152,6 +153,19 @@ pub fn space_for_cards(ctx: &Context, view: Rect) -> Rect {
     if view.is_positive() { view } else { ctx.content_rect() }
 }
 
+/// Shows an area that is placed by its middle or its end. egui places it by its size in the previous frame, so the frame
+/// is laid out again if the size changed.
+pub fn show_area(ctx: &Context, area: Area, contents: impl FnOnce(&mut Ui)) -> InnerResponse<()> {
+    let id = area.layer().id;
+    let before = ctx.memory(|memory| memory.area_rect(id));
+    let shown = area.show(ctx, contents);
+    let differs = |before: Rect| (before.size() - shown.response.rect.size()).abs().max_elem() > 0.5;
+    if before.is_some_and(differs) {
+        ctx.request_discard("a card has another size");
+    }
+    shown
+}
+
 /// Returns the background frame of a card over the picture; `edge` is its border's colour.
 pub fn card(ui: &Ui, edge: Color32) -> Frame {
     let palette = Palette::of(ui);
@@ -196,7 +210,12 @@ pub fn show(ui: &Ui, viewer: &Viewer, interval: Option<f64>, view: Rect, control
     let spark = if recent.len() > 1 { 20.0 } else { 0.0 };
     let width = lines.iter().map(|line| line.size().x).fold(0.0, f32::max);
     let height: f32 = lines.iter().map(|line| line.size().y).sum::<f32>() + spark;
-    let rect = Rect::from_min_size(view.min + vec2(12.0, 12.0), vec2(width + 20.0, height + 16.0));
+    let mut rect = Rect::from_min_size(view.min + vec2(12.0, 12.0), vec2(width + 20.0, height + 16.0));
+    let line = view.left() + viewer.split * view.width();
+    if viewer.compare == Mode::Split && rect.expand2(vec2(32.0, 0.0)).x_range().contains(line) {
+        // Below the letters of A and B.
+        rect = rect.translate(vec2(0.0, 32.0));
+    }
     if !view.contains_rect(rect) {
         return;
     }
@@ -270,47 +289,46 @@ pub fn comparison(
     };
     let times = [RendererId::A, RendererId::B].map(|id| total(viewer, id));
     let mut close = false;
-    let shown = Area::new(Id::unique("comparison"))
+    let area = Area::new(Id::unique("comparison"))
         .fixed_pos(pos2(line, view.bottom() - 4.0 * GRID))
         .pivot(Align2::CENTER_BOTTOM)
         .constrain_to(view)
-        .order(Order::Middle)
-        .show(ctx, |ui| {
-            card(ui, palette.line).show(ui, |ui| {
-                ui.set_max_width((view.width() - 8.0 * GRID).clamp(40.0, 320.0));
-                ui.horizontal(|ui| {
-                    for (name, ms) in ["A", "B"].into_iter().zip(&times) {
-                        ui.label(RichText::new(name).family(theme::strong()));
-                        ui.label(ms.clone().unwrap_or_else(|| "-".to_owned()));
-                    }
-                    if viewer.is_comparing() {
-                        ui.spinner();
-                    }
-                });
-                let Some((Comparison { psnr_db, ssim, worst, .. }, _)) = viewer.comparison() else { return };
-                let worst = worst.difference;
-                let psnr = psnr_db.map_or("identical".to_owned(), |psnr| format!("{psnr:.2} dB"));
-                ui.horizontal_wrapped(|ui| {
-                    ui.label(RichText::new(psnr).family(theme::strong()).size(theme::HEADING));
-                    if let Some(ssim) = ssim {
-                        ui.label(format!("SSIM {ssim:.4}"));
-                    }
-                    ui.label(format!("worst {worst:.4}"));
-                });
-                ui.horizontal(|ui| {
-                    let find =
-                        ui.add_enabled(worst > 0.0, egui::Button::new("Worst pixel").selected(*marked));
-                    controls.see("worst", find.rect);
-                    if widgets::hint(find, "Mark the pixel with the largest difference").clicked() {
-                        *marked = !*marked;
-                    }
-                    close = ui.button("Close").clicked();
-                });
-                if !viewer.comparison_is_current() {
-                    ui.weak("of an earlier view or setting");
+        .order(Order::Middle);
+    let shown = show_area(ctx, area, |ui| {
+        card(ui, palette.line).show(ui, |ui| {
+            ui.set_max_width((view.width() - 8.0 * GRID).clamp(40.0, 320.0));
+            ui.horizontal(|ui| {
+                for (name, ms) in ["A", "B"].into_iter().zip(&times) {
+                    ui.label(RichText::new(name).family(theme::strong()));
+                    ui.label(ms.clone().unwrap_or_else(|| "-".to_owned()));
+                }
+                if viewer.is_comparing() {
+                    ui.spinner();
                 }
             });
+            let Some((Comparison { psnr_db, ssim, worst, .. }, _)) = viewer.comparison() else { return };
+            let worst = worst.difference;
+            let psnr = psnr_db.map_or("identical".to_owned(), |psnr| format!("{psnr:.2} dB"));
+            ui.horizontal_wrapped(|ui| {
+                ui.label(RichText::new(psnr).family(theme::strong()).size(theme::HEADING));
+                if let Some(ssim) = ssim {
+                    ui.label(format!("SSIM {ssim:.4}"));
+                }
+                ui.label(format!("worst {worst:.4}"));
+            });
+            ui.horizontal(|ui| {
+                let find = ui.add_enabled(worst > 0.0, egui::Button::new("Worst pixel").selected(*marked));
+                controls.see("worst", find.rect);
+                if widgets::hint(find, "Mark the pixel with the largest difference").clicked() {
+                    *marked = !*marked;
+                }
+                close = ui.button("Close").clicked();
+            });
+            if !viewer.comparison_is_current() {
+                ui.weak("of an earlier view or setting");
+            }
         });
+    });
     controls.see("comparison", shown.response.rect);
     if close {
         viewer.forget_comparison();

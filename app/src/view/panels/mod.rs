@@ -524,22 +524,22 @@ impl Panels {
 
     fn show_notice_card(&mut self, ctx: &Context, view: Rect) {
         let Some(text) = self.notice.clone() else { return };
-        egui::Area::new(egui::Id::unique("notice"))
+        let area = egui::Area::new(egui::Id::unique("notice"))
             .fixed_pos(view.center_top() + egui::vec2(0.0, 12.0))
             .pivot(Align2::CENTER_TOP)
             .constrain_to(view)
-            .order(egui::Order::Foreground)
-            .show(ctx, |ui| {
-                let palette = Palette::of(ui);
-                let shown = hud::card(ui, palette.caution).show(ui, |ui| {
-                    ui.set_max_width((view.width() - 48.0).clamp(0.0, 560.0));
-                    ui.label(text);
-                    if self.controls.seen("notice:dismiss", ui.button("Dismiss")).clicked() {
-                        self.notice = None;
-                    }
-                });
-                self.controls.see("notice", shown.response.rect);
+            .order(egui::Order::Foreground);
+        hud::show_area(ctx, area, |ui| {
+            let palette = Palette::of(ui);
+            let shown = hud::card(ui, palette.caution).show(ui, |ui| {
+                ui.set_max_width((view.width() - 48.0).clamp(0.0, 560.0));
+                ui.label(text);
+                if self.controls.seen("notice:dismiss", ui.button("Dismiss")).clicked() {
+                    self.notice = None;
+                }
             });
+            self.controls.see("notice", shown.response.rect);
+        });
     }
 }
 

@@ -8,7 +8,7 @@ use super::controls::Controls;
 use super::hud;
 use super::number::NumberField;
 use super::theme::{self, GRID, Palette};
-use super::widgets::hint;
+use super::widgets::{follow_focus, hint};
 use crate::draw::select::{Reach, Region};
 use crate::io::output::names;
 use crate::view::events::RendererId;
@@ -203,23 +203,28 @@ impl State {
             return;
         }
         let palette = Palette::in_mode(ctx.theme() == egui::Theme::Dark);
-        let shown = Area::new(Id::unique("splats"))
+        let area = Area::new(Id::unique("splats"))
             .fixed_pos(view.center_bottom() - Vec2::new(0.0, 4.0 * GRID))
             .pivot(Align2::CENTER_BOTTOM)
             .constrain_to(view)
-            .order(Order::Middle)
-            .show(ctx, |ui| {
-                hud::card(ui, palette.line).show(ui, |ui| {
-                    ui.set_max_width((view.width() - 8.0 * GRID).clamp(40.0, 640.0));
-                    if !whole {
-                        ui.label(self.line(viewer.marks(id)));
-                        return;
-                    }
+            .order(Order::Middle);
+        let shown = hud::show_area(ctx, area, |ui| {
+            hud::card(ui, palette.line).show(ui, |ui| {
+                ui.set_max_width((view.width() - 8.0 * GRID).clamp(40.0, 640.0));
+                if !whole {
+                    ui.label(self.line(viewer.marks(id)));
+                    return;
+                }
+                let height = (view.height() - 12.0 * GRID).max(40.0);
+                let scroll = egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height);
+                scroll.show(ui, |ui| {
                     self.tools(ui, controls);
                     marks(ui, viewer, id, controls);
                     self.files(ui, viewer, id, controls);
+                    follow_focus(ui);
                 });
             });
+        });
         controls.see("splats", shown.response.rect);
     }
 
