@@ -88,25 +88,24 @@ impl State {
 
     fn head(&mut self, ui: &mut Ui, renderer: &mut Renderer, command: &str, controls: &mut Controls) {
         let modified = renderer.set().len();
-        ui.horizontal(|ui| {
+        ui.horizontal_wrapped(|ui| {
             let filter = egui::TextEdit::singleline(&mut self.filter).hint_text("Filter");
             controls.see("filter", ui.add_sized([104.0, ROW - 2.0], filter).rect);
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                let copy =
-                    controls.seen("copy_set", ui.add_enabled(modified > 0, egui::Button::new("Copy --set")));
-                if hint(copy, format!("{command}{}", set_line(renderer))).clicked() {
-                    ui.copy_text(set_line(renderer).trim_start().to_owned());
-                }
-                let text = if modified > 0 { format!("Reset {modified}") } else { "Reset all".to_owned() };
-                let reset = controls.seen("reset_all", ui.add_enabled(modified > 0, egui::Button::new(text)));
-                let text = match modified {
-                    1 => "1 parameter differs from its default".to_owned(),
-                    n => format!("{n} parameters differ from their defaults"),
-                };
-                if hint(reset, text).clicked() {
-                    renderer.reset_params();
-                }
-            });
+            let text = if modified > 0 { format!("Reset {modified}") } else { "Reset all".to_owned() };
+            let reset = controls.seen("reset_all", ui.add_enabled(modified > 0, egui::Button::new(text)));
+            let text = match modified {
+                1 => "1 parameter differs from its default".to_owned(),
+                n => format!("{n} parameters differ from their defaults"),
+            };
+            let reset = hint(reset, text).clicked();
+            let copy =
+                controls.seen("copy_set", ui.add_enabled(modified > 0, egui::Button::new("Copy --set")));
+            if hint(copy, format!("{command}{}", set_line(renderer))).clicked() {
+                ui.copy_text(set_line(renderer).trim_start().to_owned());
+            }
+            if reset {
+                renderer.reset_params();
+            }
         });
         let label = |name: &str| {
             let named = renderer.controls().iter().find(|control| control.param.name == name);

@@ -131,37 +131,44 @@ impl State {
 
     fn summary(&mut self, ui: &mut Ui, dump: &Dump, times: &Times, controls: &mut Controls) {
         ui.horizontal(|ui| {
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                if ui.add_enabled(self.zoom > 1.0, egui::Button::new("Fit")).clicked() {
-                    (self.zoom, self.offset) = (1.0, 0.0);
-                }
-                let timed = !times.unreliable && !times.passes.is_empty();
-                ui.add_enabled_ui(timed, |ui| {
-                    ui.selectable_value(&mut self.equal, true, "equal");
-                    ui.selectable_value(&mut self.equal, false, "by time");
-                });
-                ui.add(egui::TextEdit::singleline(&mut self.filter).hint_text("Filter memory").desired_width(112.0));
-                let button = controls.seen("legend", ui.button("Legend"));
-                egui::Popup::menu(&button).show(|ui| legend(ui, dump));
-                ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
-                    let frame = dump.totals.frame;
-                    let mut text = format!(
-                        "{}: {} passes, {} barrier calls with {} barriers against {} hazards, {} of memory, {} saved by sharing",
-                        dump.graph,
-                        dump.totals.frame_passes,
-                        frame.calls,
-                        frame.barriers,
-                        frame.dependencies,
-                        dump::bytes(dump.totals.transient_bytes),
-                        dump::bytes(dump.totals.saved_bytes),
-                    );
-                    if let Some(rest) = times.unattributed.filter(|_| times.unreliable) {
-                        text += &format!(" — {} of a frame are outside its passes", widgets::time(rest));
-                    }
-                    let label = ui.add(egui::Label::new(&text).truncate());
-                    hint(label, text);
-                });
+            let frame = dump.totals.frame;
+            let mut text = format!(
+                "{}: {} passes, {} barrier calls with {} barriers against {} hazards, {} of memory, {} saved by sharing",
+                dump.graph,
+                dump.totals.frame_passes,
+                frame.calls,
+                frame.barriers,
+                frame.dependencies,
+                dump::bytes(dump.totals.transient_bytes),
+                dump::bytes(dump.totals.saved_bytes),
+            );
+            if let Some(rest) = times.unattributed.filter(|_| times.unreliable) {
+                text += &format!(" — {} of a frame are outside its passes", widgets::time(rest));
+            }
+            // The controls are at the right end, but not laid out from there: Tab would go through them backwards.
+            let id = ui.scope_id().with("controls");
+            let width = ui.data(|data| data.get_temp::<f32>(id)).unwrap_or(340.0);
+            let gap = ui.spacing().item_spacing.x;
+            let size = vec2((ui.available_width() - width - gap).max(0.0), ui.available_height());
+            ui.allocate_ui_with_layout(size, Layout::left_to_right(Align::Center), |ui| {
+                ui.set_min_width(size.x);
+                let label = ui.add(egui::Label::new(&text).truncate());
+                hint(label, text);
             });
+            let start = ui.cursor().left();
+            let button = controls.seen("legend", ui.button("Legend"));
+            egui::Popup::menu(&button).show(|ui| legend(ui, dump));
+            ui.add(egui::TextEdit::singleline(&mut self.filter).hint_text("Filter memory").desired_width(112.0));
+            let timed = !times.unreliable && !times.passes.is_empty();
+            ui.add_enabled_ui(timed, |ui| {
+                ui.selectable_value(&mut self.equal, false, "by time");
+                ui.selectable_value(&mut self.equal, true, "equal");
+            });
+            if ui.add_enabled(self.zoom > 1.0, egui::Button::new("Fit")).clicked() {
+                (self.zoom, self.offset) = (1.0, 0.0);
+            }
+            let end = ui.cursor().left() - gap;
+            ui.data_mut(|data| data.insert_temp(id, end - start));
         });
     }
 
