@@ -387,6 +387,9 @@ impl fmt::Display for Event {
                 if lost.is_empty() { Ok(()) } else { write!(f, "; lost: {}", lost.join("; ")) }
             }
             Event::Compared { psnr, ssim, worst, identical } => {
+                if psnr.is_infinite() {
+                    return f.write_str("A against B: identical");
+                }
                 write!(f, "A against B: {psnr:.2} dB PSNR, worst pixel {worst:.4}")?;
                 ssim.map_or(Ok(()), |ssim| write!(f, ", SSIM {ssim:.4}"))?;
                 f.write_str(if *identical { ": identical" } else { "" })

@@ -224,11 +224,15 @@ pub fn record(viewer: &mut Viewer) -> Option<String> {
     }
 }
 
-/// Plays the path, or pauses it. A path with fewer than two keys cannot be played.
+/// Plays the path, or pauses it. Reports a path that is too short to be played.
 pub fn toggle(viewer: &mut Viewer) {
     if viewer.play.is_playing() {
         viewer.play.pause();
     } else if viewer.path.keys().len() > 1 {
         viewer.play.play(&viewer.path);
+    } else {
+        let count = viewer.path.keys().len();
+        let text = format!("expected a path of at least 2 keyframes, found {count}; K adds the view");
+        viewer.report(Event::Problem { text });
     }
 }

@@ -65,6 +65,9 @@ const REST: Duration = Duration::from_secs(1);
 
 const RECENT: usize = 12;
 
+/// Minimum scale of the user interface: texts of about 8 points stay readable.
+const LEAST_ZOOM: f32 = 0.6;
+
 /// Results of drawing the panels.
 #[derive(Clone, Debug)]
 pub struct PanelOutput {
@@ -267,7 +270,7 @@ impl Panels {
         recent.retain(|scene| scene.exists());
         (self.layout, self.hud, self.recent, self.restored) = (layout, hud, recent, true);
         // Not `set_zoom_factor`: before the first frame, it would take another size for that of the window.
-        ctx.options_mut(|options| options.zoom_factor = zoom.clamp(0.2, 5.0));
+        ctx.options_mut(|options| options.zoom_factor = zoom.clamp(LEAST_ZOOM, 5.0));
         true
     }
 
@@ -380,6 +383,9 @@ impl Panels {
         widgets::focus_ring(ui.ctx());
         self.report_copy(ui.ctx());
         self.step(ui.ctx(), viewer);
+        if ui.ctx().zoom_factor() < LEAST_ZOOM {
+            ui.set_zoom_factor(LEAST_ZOOM);
+        }
         PanelOutput { view, commands: std::mem::take(&mut self.controls.commands) }
     }
 
