@@ -258,7 +258,8 @@ fn a_brush_adds_and_removes_splats_and_keys_change_the_selection() {
     assert_eq!(marks(&viewer).selected.len(), all);
     press(&mut viewer, Key::Delete, Modifiers::NONE);
     assert!(marks(&viewer).hidden.is_empty());
-    let refused = |event: &Event| matches!(event, Event::Problem { text } if text.contains("stays visible"));
+    let refused =
+        |event: &Event| matches!(event, Event::Problem { text } if text.contains("nothing was hidden"));
     assert!(viewer.events.iter().any(refused), "{:#?}", viewer.events);
 
     // Hidden splats are neither selected nor inverted, until they are shown.

@@ -343,7 +343,7 @@ fn marks(ui: &mut Ui, viewer: &mut Viewer, id: RendererId, controls: &mut Contro
             "splats:invert",
             "Invert (I)",
             true,
-            "Select the visible splats that are not selected",
+            "Select the splats that are neither selected nor hidden",
             Viewer::invert_selection,
         ),
         (

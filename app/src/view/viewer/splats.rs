@@ -85,16 +85,16 @@ impl Viewer {
         self.subject_of(id).is_searching()
     }
 
-    /// Inverts the selection among the visible splats.
+    /// Inverts the selection among the splats that are not hidden.
     pub fn invert_selection(&mut self, id: RendererId) {
         let (marks, count) = (self.marks(id).clone(), self.loaded(id).count());
         self.set_marks(id, Marks { selected: Arc::new(marks.rest(count)), ..marks });
     }
 
-    /// Selects all visible splats.
+    /// Selects all splats that are not hidden, in view or not.
     pub fn select_all(&mut self, id: RendererId) {
         let (marks, count) = (self.marks(id).clone(), self.loaded(id).count());
-        self.set_marks(id, Marks { selected: Arc::new(marks.visible(count)), ..marks });
+        self.set_marks(id, Marks { selected: Arc::new(marks.shown(count)), ..marks });
     }
 
     /// Clears the selection, and cancels all searches.

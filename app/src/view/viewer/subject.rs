@@ -40,13 +40,13 @@ impl Marks {
     }
 
     /// Returns the splats that are not hidden, in a scene of `count` splats.
-    pub fn visible(&self, count: u32) -> SplatSet {
+    pub fn shown(&self, count: u32) -> SplatSet {
         SplatSet::first(count).without(&self.hidden)
     }
 
     /// Returns the splats that are neither selected nor hidden, in a scene of `count` splats.
     pub fn rest(&self, count: u32) -> SplatSet {
-        self.visible(count).without(&self.selected)
+        self.shown(count).without(&self.selected)
     }
 }
 
@@ -256,7 +256,9 @@ impl Subject {
             return Err(format!("expected a selection of {count} splats, found one of {end} or more"));
         }
         if count > 0 && marks.hidden.len() == count {
-            return Err("expected a splat that stays visible, found all of them hidden".to_owned());
+            return Err(
+                "expected a splat that stays, found that all would be hidden; nothing was hidden".to_owned()
+            );
         }
         if marks == self.marks {
             return Ok(());
@@ -300,7 +302,7 @@ impl Subject {
 }
 
 fn marked(whole: &Scene, marks: &Marks) -> Result<Scene, SceneMemoryError> {
-    let shown = marks.visible(whole.count()).indices();
+    let shown = marks.shown(whole.count()).indices();
     whole.picked_as(&shown, |index, splat| if marks.selected.contains(index) { tinted(splat) } else { splat })
 }
 
@@ -349,7 +351,7 @@ mod tests {
         for (wrong, expected) in [
             (marks(&[10], &[]), "expected a selection of 10 splats"),
             (marks(&[], &[64]), "found one of 65 or more"),
-            (marks(&[], &all), "expected a splat that stays visible"),
+            (marks(&[], &all), "expected a splat that stays"),
         ] {
             let error = subject.set_marks(wrong).unwrap_err();
             assert!(error.contains(expected), "{error}");
