@@ -264,6 +264,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_files(args)?;
     args.check()?;
     let cameras = args.drawing.given_cameras()?;
+    let cameras_beside = cameras.is_none();
     let files = args.scene.as_deref().map_or_else(Vec::new, opening::files);
     let (scene, cameras) = scene_and_cameras(args, cameras)?;
     args.up.as_ref().map_or(Ok(()), |up| up.read(&cameras))?;
@@ -276,6 +277,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         pipeline,
         set,
         cameras,
+        cameras_beside,
         size: args.size(),
         // A screenshot must have exactly the requested size.
         exact_size: args.drawing.size.is_some() && args.screenshot.is_some(),

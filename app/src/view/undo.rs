@@ -1,5 +1,5 @@
-//! Undoes and redoes the user's changes: scene, selected and hidden splats, graphs, parameters, comparison, background,
-//! resolution, saved views, camera path.
+//! Undoes and redoes the user's changes: scene, selectable cameras, selected and hidden splats, graphs, parameters,
+//! comparison, background, resolution, saved views, camera path.
 //!
 //! After each frame, the viewer's [`Settings`] are compared with the previous frame's. A change becomes a step once no
 //! mouse button is held. Changes by the program itself, such as dropping a parameter that a new graph lacks, become
@@ -9,7 +9,7 @@ use super::cameras::Views;
 use super::events::RendererId;
 use super::paint::Mode;
 use super::renderer::Choice;
-use super::viewer::{Marks, Viewer};
+use super::viewer::{CameraList, Marks, Viewer};
 use crate::draw::camera_path::PathSettings;
 use crate::draw::splat_set::SplatSet;
 use std::path::{Path, PathBuf};
@@ -22,6 +22,7 @@ pub struct Settings {
     scene: PathBuf,
     /// Path of B's scene, if B has its own.
     other: Option<PathBuf>,
+    cameras: CameraList,
     /// Selected and hidden splats of A's and of B's scene.
     marks: [Marks; 2],
     a: Choice,
@@ -49,6 +50,7 @@ impl Settings {
             ],
             scene: viewer.loading(RendererId::A).unwrap_or(viewer.scene_path()).to_owned(),
             other: other.map(Path::to_owned),
+            cameras: viewer.camera_list().clone(),
             a: viewer.a.renderer.choice().clone(),
             b: viewer.b.as_ref().map(|b| b.renderer.choice().clone()),
             compare: viewer.compare,
@@ -75,6 +77,7 @@ impl Settings {
         if now.scene != self.scene {
             viewer.open_scene_in(RendererId::A, &self.scene);
         }
+        viewer.restore_cameras(self.cameras.clone());
         match &self.other {
             other if *other == now.other => {}
             Some(path) => viewer.open_scene_in(RendererId::B, path),
@@ -115,6 +118,8 @@ impl Settings {
         let mut parts: Vec<String> = Vec::new();
         if self.scene != other.scene || self.other != other.other {
             parts.push("scene".to_owned());
+        } else if self.cameras != other.cameras {
+            parts.push("cameras".to_owned());
         }
         let differs =
             |of: fn(&Marks) -> &SplatSet| (0..2).any(|id| of(&self.marks[id]) != of(&other.marks[id]));
@@ -260,6 +265,7 @@ mod tests {
         let set = set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
         Settings {
             other: None,
+            cameras: CameraList::default(),
             marks: [Marks::default(), Marks::default()],
             scene: "scene.ply".into(),
             a: Choice { graph: graph.to_owned(), set },

@@ -5,8 +5,10 @@ use crate::draw::splat_set::SplatSet;
 use crate::view::events::{Event, RendererId};
 use crate::view::paint::Mode;
 use crate::view::viewer::Marks;
+use egui::{Key, Modifiers};
+use splatgraph_assets::Camera;
 use splatgraph_null::Config;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[test]
 fn a_scene_is_opened_by_its_contents_whatever_its_name() {
@@ -116,5 +118,72 @@ fn a_pick_in_another_viewport_drops_the_splat_of_the_former_at_once() {
     assert!(script.viewer().picked.is_none(), "an index into A's scene is not one into B's");
     script.until("B's splats", |script| script.viewer().picked.is_some());
     assert_eq!(script.viewer().picked_in(), RendererId::B);
+    script.close(&[]);
+}
+
+#[test]
+fn hidden_splats_of_a_scene_that_is_no_longer_shown_count_as_unsaved_until_undo_shows_them() {
+    let mut script = Script::open(&Config::default());
+    script.settle();
+    let marks = Marks { hidden: SplatSet::from_iter([7, 9]).into(), ..Marks::default() };
+    script.viewer().set_marks(RendererId::A, marks.clone());
+    script.settle();
+    assert_eq!(script.viewer().unsaved().as_deref(), Some("2 hidden splats"));
+    let (first, second) = (script.path("first.ply"), script.path("second.ply"));
+    script.viewer().open(&second);
+    script.until("the scene", |script| script.viewer().scene_path() == second);
+    script.frame(false);
+    let expected = format!("2 hidden splats of {}", first.display());
+    assert_eq!(script.viewer().unsaved(), Some(expected.clone()));
+    let told = |event: &Event| matches!(event, Event::Problem { text } if text.contains(&expected));
+    assert!(script.has_event(told), "{:#?}", script.events);
+    script.press(Key::Z, Modifiers::COMMAND);
+    script.until("the first scene", |script| script.viewer().scene_path() == first);
+    assert_eq!(script.viewer().marks(RendererId::A), &marks);
+    assert_eq!(script.viewer().unsaved().as_deref(), Some("2 hidden splats"));
+    script.close(&[]);
+}
+
+#[test]
+fn cameras_that_the_user_named_stay_with_other_scenes_and_undo_restores_replaced_ones() {
+    let mut script = Script::open(&Config::default());
+    let [first, second, third] = ["first.ply", "second.ply", "third.ply"].map(|name| script.path(name));
+    std::fs::copy(&second, &third).expect("the scene is copied");
+    std::fs::remove_file(script.path("cameras.json")).expect("they would be beside every scene");
+    let mut beside = Camera::framing(script.viewer().scene(), 64, 36);
+    let named: Vec<Camera> =
+        ["a", "b"].into_iter().map(|name| Camera { img_name: name.to_owned(), ..beside.clone() }).collect();
+    beside.img_name = "beside".to_owned();
+    Camera::save(&[beside], script.path("third.cameras.json")).expect("cameras are written");
+    script.viewer().set_cameras(named);
+    script.viewer().look_through(1);
+    script.settle();
+    let names = |script: &mut Script| {
+        let names = script.viewer().cameras.iter().map(|camera| camera.img_name.clone());
+        names.collect::<Vec<_>>().join(" ")
+    };
+    let open = |script: &mut Script, path: &Path| {
+        script.viewer().open(path);
+        script.until("the scene", |script| script.viewer().scene_path() == path);
+        script.frame(false);
+    };
+    let undo = |script: &mut Script, path: &Path| {
+        script.press(Key::Z, Modifiers::COMMAND);
+        script.until("the former scene", |script| script.viewer().scene_path() == path);
+    };
+    let before = script.viewer().navigation.camera(64, 36);
+    open(&mut script, &second);
+    assert_eq!(names(&mut script), "a b");
+    assert_eq!(script.viewer().navigation.camera(64, 36), before, "another file of the capture");
+    open(&mut script, &third);
+    assert_eq!(names(&mut script), "beside");
+    open(&mut script, &first);
+    assert_eq!(names(&mut script), "", "cameras beside a scene go with it");
+    undo(&mut script, &third);
+    assert_eq!(names(&mut script), "beside");
+    undo(&mut script, &second);
+    assert_eq!(names(&mut script), "a b");
+    undo(&mut script, &first);
+    assert_eq!(names(&mut script), "a b");
     script.close(&[]);
 }

@@ -1,13 +1,15 @@
-//! Moves the viewer's camera, saves views, and plays paths. Views and keys are in world coordinates; the navigation is
-//! in scene coordinates.
+//! Lists the selectable cameras, moves the camera, saves views, and plays paths. Views and keys are in world
+//! coordinates; the navigation is in scene coordinates.
 
 use super::Viewer;
+use super::camera_list::CameraList;
+use crate::draw::camera::mean_up;
 use crate::draw::camera_path::KeyError;
 use crate::draw::facts;
 use crate::draw::projection;
 use crate::draw::render_command::RenderCommand;
 use crate::view::events::{Event, RendererId};
-use crate::view::navigation::Input;
+use crate::view::navigation::{Input, Navigation};
 use crate::view::opening::CameraRole;
 use splatgraph_assets::{Camera, Projection};
 use std::path::Path;
@@ -16,6 +18,72 @@ use std::path::Path;
 const ANY_SIZE: (u32, u32) = (1, 1);
 
 impl Viewer {
+    /// Replaces the selectable cameras, given in scene coordinates, selects the first, and jumps to it. Without
+    /// cameras, the view stays. The cameras stay listed when another scene is opened.
+    ///
+    /// The navigation's up direction becomes the mean of the cameras', or the scene's if they cancel out.
+    pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
+        let world = self.in_world(&cameras);
+        self.start_with(CameraList::named(world), cameras);
+    }
+
+    /// Replaces the selectable cameras by those found beside A's scene, as [`Viewer::set_cameras`] does. They are no
+    /// longer listed once another scene is opened.
+    pub fn set_cameras_beside(&mut self, cameras: Vec<Camera>) {
+        let world = self.in_world(&cameras);
+        self.start_with(CameraList::beside(world), cameras);
+    }
+
+    fn in_world(&self, cameras: &[Camera]) -> Vec<Camera> {
+        let offset = self.scene().offset();
+        cameras.iter().map(|camera| camera.in_world(offset)).collect()
+    }
+
+    /// Replaces the selectable cameras, and jumps to the first, if any.
+    pub(super) fn show_list(&mut self, list: CameraList) {
+        let cameras = list.in_scene(self.scene().offset());
+        self.start_with(list, cameras);
+    }
+
+    fn start_with(&mut self, list: CameraList, cameras: Vec<Camera>) {
+        if let Some(camera) = cameras.first() {
+            let up = mean_up(&cameras).unwrap_or_else(|| self.scene().up().into());
+            self.navigation = Navigation::new(&self.subject.whole.robust_bounds(), camera, up);
+        }
+        self.camera = if cameras.is_empty() { None } else { Some(0) };
+        (self.camera_list, self.cameras) = (list, cameras);
+    }
+
+    /// Converts the selectable cameras to the coordinates of A's scene, after either was replaced.
+    pub(super) fn move_cameras(&mut self) {
+        self.cameras = self.camera_list.in_scene(self.scene().offset());
+    }
+
+    /// Selects the camera at `index` and flies to it; does nothing if there is none.
+    pub fn look_through(&mut self, index: usize) {
+        if let Some(camera) = self.cameras.get(index) {
+            self.camera = Some(index);
+            self.navigation.set_camera(camera);
+        }
+    }
+
+    /// Returns the selectable cameras; during a load, those that were restored for the new scene.
+    pub(in crate::view) fn camera_list(&self) -> &CameraList {
+        let restored = self.restored_cameras.as_ref().filter(|_| self.is_loading_another());
+        restored.unwrap_or(&self.camera_list)
+    }
+
+    /// Replaces the selectable cameras. The view stays. If another scene is being loaded for A, the cameras are kept for
+    /// it.
+    pub(in crate::view) fn restore_cameras(&mut self, list: CameraList) {
+        if self.is_loading_another() {
+            self.restored_cameras = Some(list);
+        } else if list != self.camera_list {
+            (self.camera_list, self.camera) = (list, None);
+            self.move_cameras();
+        }
+    }
+
     /// Returns the current camera in world coordinates, as in files, at the size of the last frame's pictures.
     pub fn world_camera(&self) -> Camera {
         self.world_camera_of(self.asked)
@@ -153,8 +221,7 @@ impl Viewer {
     ) -> Result<(), String> {
         match role {
             CameraRole::Selectable => {
-                let offset = self.scene().offset();
-                self.set_cameras(cameras.iter().map(|camera| camera.relative_to(offset)).collect());
+                self.show_list(CameraList::named(cameras));
             }
             CameraRole::Views => {
                 for camera in cameras {

@@ -15,18 +15,19 @@ use super::profile::zone;
 use super::renderer::{self, Choice, PlanInputs, Renderer, Wake};
 use super::viewport::{View, Viewport};
 use crate::draw::backend::Backend;
-use crate::draw::camera::mean_up;
 use crate::draw::camera_path::{self, CameraPath, Playback};
 use crate::draw::pick::{Picked, pick};
-use crate::draw::splat_set::Masked;
-use crate::io::scene_file;
+use crate::draw::splat_set::{Masked, SplatSet};
+use crate::io::{output, scene_file};
 use glam::DVec3;
 use splatgraph_api::{BackendError, Device, Running};
 use splatgraph_assets::{Camera, Scene, grouped, names_scenes};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 mod camera;
+mod camera_list;
 mod comparing;
 mod comparison;
 mod copy;
@@ -36,6 +37,7 @@ mod scenes;
 mod splats;
 mod subject;
 
+pub use camera_list::CameraList;
 use comparing::Comparing;
 pub use comparing::Differences;
 use scene_watch::SceneWatch;
@@ -64,6 +66,9 @@ pub struct Viewer {
     other: Option<Subject>,
     /// Selectable cameras, in scene coordinates.
     pub cameras: Vec<Camera>,
+    camera_list: CameraList,
+    /// Selectable cameras for the scene that is being loaded for A; `None` to use those beside it.
+    restored_cameras: Option<CameraList>,
     /// Index of the last selected camera in `cameras`; `None` before a selection.
     pub camera: Option<usize>,
     /// Position and controls of the camera.
@@ -106,6 +111,8 @@ pub struct Viewer {
     picked_before: Option<[f64; 3]>,
     /// Marks to apply to the scenes that are being loaded for A and B.
     restored: [Option<Marks>; 2],
+    /// Hidden splats that were in no file when another scene was opened.
+    left: Vec<(PathBuf, Arc<SplatSet>)>,
     /// Scenes that were loaded again with other splats or other indices; see [`Viewer::take_reindexed`].
     reindexed: Vec<PathBuf>,
     exporter: Exporter,
@@ -153,6 +160,8 @@ impl Viewer {
             subject,
             other: None,
             cameras: Vec::new(),
+            camera_list: CameraList::default(),
+            restored_cameras: None,
             camera: None,
             views: Views::default(),
             path: path_of_camera,
@@ -173,6 +182,7 @@ impl Viewer {
             picker: Latest::new("pick", wake.clone()),
             picked_before: None,
             restored: [const { None }; 2],
+            left: Vec::new(),
             reindexed: Vec::new(),
             exporter: Exporter::new(wake.clone()),
             to_host: false,
@@ -214,23 +224,24 @@ impl Viewer {
         self.drawing().any(busy) || self.opening.busy() || scenes.into_iter().flatten().any(Subject::busy)
     }
 
-    /// Describes what the user made and did not write to a file: hidden splats, saved views and keys. `None` if there
-    /// is nothing.
+    /// Describes what the user made and did not write to a file: hidden splats, also of scenes that are no longer shown,
+    /// saved views and keys. `None` if there is nothing.
     pub fn unsaved(&self) -> Option<String> {
         let new =
             |cameras: &[Camera]| cameras.iter().filter(|camera| !self.in_files.contains(camera)).count();
         let scenes = [Some(&self.subject), self.other.as_ref()].into_iter().flatten();
-        let counted = [
-            (scenes.map(|subject| u64::from(subject.unsaved())).sum(), "hidden splat"),
-            (new(self.views.list()) as u64, "view"),
-            (new(self.path.keys()) as u64, "keyframe"),
-        ];
-        let named = counted
-            .into_iter()
-            .filter(|(count, _)| *count > 0)
-            .map(|(count, name)| format!("{} {name}{}", grouped(count), if count == 1 { "" } else { "s" }));
-        let named: Vec<String> = named.collect();
-        (!named.is_empty()).then(|| named.join(", "))
+        let hidden = (scenes.map(|subject| u64::from(subject.unsaved())).sum(), "hidden splat");
+        let cameras = [(new(self.views.list()) as u64, "view"), (new(self.path.keys()) as u64, "keyframe")];
+        let left = self.left.iter().map(|(path, hidden)| {
+            let text = plural(u64::from(hidden.len()), "hidden splat");
+            format!("{text} of {}", output::one_line(&path.display().to_string()))
+        });
+        let named = |counts: &[(u64, &str)]| {
+            let counts = counts.iter().filter(|(count, _)| *count > 0);
+            counts.map(|(count, name)| plural(*count, name)).collect::<Vec<String>>()
+        };
+        let parts = [named(&[hidden]), left.collect(), named(&cameras)].concat();
+        (!parts.is_empty()).then(|| parts.join(", "))
     }
 
     /// Iterates over A, and B after the first comparison.
@@ -358,27 +369,6 @@ impl Viewer {
         match cameras.and_then(|cameras| self.take_world_cameras(role, cameras)) {
             Ok(()) => self.events.push(Event::Cameras { path, count }),
             Err(error) => self.events.push(Event::FileFailed { path, error }),
-        }
-    }
-
-    /// Replaces the selectable cameras, given in scene coordinates, selects the first, and jumps to it. Without
-    /// cameras, the view stays.
-    ///
-    /// The navigation's up direction becomes the mean of the cameras', or the scene's if they cancel out.
-    pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
-        if let Some(camera) = cameras.first() {
-            let up = mean_up(&cameras).unwrap_or_else(|| self.scene().up().into());
-            self.navigation = Navigation::new(&self.subject.whole.robust_bounds(), camera, up);
-        }
-        self.camera = if cameras.is_empty() { None } else { Some(0) };
-        self.cameras = cameras;
-    }
-
-    /// Selects the camera at `index` and flies to it; does nothing if there is none.
-    pub fn look_through(&mut self, index: usize) {
-        if let Some(camera) = self.cameras.get(index) {
-            self.camera = Some(index);
-            self.navigation.set_camera(camera);
         }
     }
 
@@ -582,4 +572,9 @@ impl Viewer {
     pub fn stalled(&self) -> Option<&Running> {
         self.all().find_map(|viewport| viewport.renderer.stalled())
     }
+}
+
+/// Formats a number of things, such as `1 view` or `4,000 views`.
+fn plural(count: u64, name: &str) -> String {
+    format!("{} {name}{}", grouped(count), if count == 1 { "" } else { "s" })
 }

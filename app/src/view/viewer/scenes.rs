@@ -2,11 +2,12 @@
 //!
 //! The camera is in the coordinates of A's scene. B's pictures use the same camera in world coordinates.
 
-use super::Viewer;
+use super::camera_list::CameraList;
 use super::subject::{Marks, Subject};
+use super::{Viewer, plural};
 use crate::draw::camera_path;
 use crate::io::load::LoadOptions;
-use crate::io::scene_file;
+use crate::io::{output, scene_file};
 use crate::view::events::{Event, RendererId};
 use crate::view::opening::{self, CameraRole, CamerasBeside, Content, Opened, OpenedScene};
 use glam::DVec3;
@@ -85,6 +86,9 @@ impl Viewer {
             self.scene_watch.postpone(id, cancelled);
         }
         self.restored[opening::index(id)] = None;
+        if id == RendererId::A {
+            self.restored_cameras = None;
+        }
         if let Err(error) = self.opening.open_scene(id, path) {
             self.events.push(Event::SceneFailed { path: path.to_owned(), error, stays: false });
         }
@@ -127,6 +131,7 @@ impl Viewer {
         self.opening.cancel_scene(RendererId::B);
         self.scene_watch.forget(RendererId::B);
         self.scene_errors[opening::index(RendererId::B)] = None;
+        self.leave(RendererId::B);
         if self.other.take().is_some() && self.picked_in == RendererId::B {
             self.forget_picked();
         }
@@ -164,26 +169,13 @@ impl Viewer {
 
     /// Replaces A's scene, and returns the previous one. All cameras keep their positions in the world.
     fn replace_subject(&mut self, subject: Subject) -> Subject {
-        let offset = self.scene().offset();
+        let offset = DVec3::from(self.scene().offset());
         let former = std::mem::replace(&mut self.subject, subject);
         let scene = self.subject.whole.clone();
-        self.navigation.change_scene(&scene.robust_bounds(), self.moved_from(offset));
-        self.move_cameras(offset);
+        self.navigation.change_scene(&scene.robust_bounds(), DVec3::from(scene.offset()) - offset);
+        self.move_cameras();
         self.path.set_radian(camera_path::length_of_radian(&scene));
         former
-    }
-
-    /// Converts the selectable cameras to A's scene, from a scene whose origin is at `former` in the world.
-    fn move_cameras(&mut self, former: [f64; 3]) {
-        let moved = self.moved_from(former);
-        for camera in &mut self.cameras {
-            *camera = camera.relative_to(moved.into());
-        }
-    }
-
-    /// Returns the vector from a scene's origin at `former`, in the world, to the origin of A's scene.
-    fn moved_from(&self, former: [f64; 3]) -> DVec3 {
-        DVec3::from(self.scene().offset()) - DVec3::from(former)
     }
 
     pub(super) fn take(&mut self, opened: Opened) {
@@ -209,6 +201,11 @@ impl Viewer {
                 if self.picked_in == id || !self.has_two_scenes() {
                     self.forget_picked();
                 }
+                if !self.reloads(id, &subject.path) {
+                    self.leave(id);
+                }
+                let hidden = &subject.marks().hidden;
+                self.left.retain(|(path, left)| *path != subject.path || left != hidden);
                 match id {
                     RendererId::B => self.other = Some(subject),
                     RendererId::A | RendererId::Window => self.show_scene(subject, number, cameras),
@@ -241,6 +238,31 @@ impl Viewer {
         }
     }
 
+    /// Remembers the hidden splats of a viewport's own scene, which is about to be replaced, if they are in no file.
+    /// Reports how to get them back.
+    fn leave(&mut self, id: RendererId) {
+        if id == RendererId::B && !self.has_two_scenes() {
+            return;
+        }
+        let subject = self.subject_of(id);
+        let count = subject.unsaved();
+        if count == 0 {
+            return;
+        }
+        let (path, hidden) = (subject.path.clone(), subject.marks().hidden.clone());
+        let name = output::one_line(&path.display().to_string()).into_owned();
+        let (count, them) = (plural(count.into(), "hidden splat"), if count == 1 { "it" } else { "them" });
+        let text = format!("Not saved: {count} of {name}; Undo shows the scene without {them} again");
+        self.events.push(Event::Problem { text });
+        self.left.retain(|(left, _)| *left != path);
+        self.left.push((path, hidden));
+    }
+
+    /// Returns true if a scene is being loaded for A that is not the shown one.
+    pub(super) fn is_loading_another(&self) -> bool {
+        self.loading(RendererId::A).is_some_and(|path| !self.reloads(RendererId::A, path))
+    }
+
     /// Returns the marks for a newly loaded scene: restored ones, or those of a scene that was loaded again. Otherwise
     /// `None`. Reports marks that were dropped, and records reindexed scenes.
     fn marks_for(&mut self, id: RendererId, subject: &Subject) -> Option<Marks> {
@@ -266,27 +288,45 @@ impl Viewer {
         is_its_own && self.scene_path_of(id) == path
     }
 
-    /// Shows the scene of request `number` with the cameras beside it, or with the selectable cameras of a later
-    /// request. A scene that was loaded again keeps the view and the cameras.
+    /// Shows the scene of request `number` with its restored cameras, those of a later request, those beside it, or those
+    /// that the user named. A scene that was loaded again keeps the view and the cameras. So does one that is at the same
+    /// place and has the same cameras, such as another file of the same capture.
     fn show_scene(&mut self, subject: Subject, number: u64, beside: Option<CamerasBeside>) {
+        let restored = self.restored_cameras.take();
         if self.reloads(RendererId::A, &subject.path) {
             self.replace_subject(subject);
             return;
         }
-        let former = self.scene().offset();
+        let is_later = self.cameras_number > number;
+        let list = match (restored, beside) {
+            (Some(list), _) => list,
+            _ if is_later => self.camera_list.clone(),
+            (None, Some((path, Ok(cameras)))) => {
+                self.events.push(Event::Cameras { path, count: cameras.len() });
+                CameraList::beside(cameras)
+            }
+            (None, Some((path, Err(error)))) => {
+                self.events.push(Event::FileFailed { path, error });
+                self.camera_list.kept()
+            }
+            (None, None) => self.camera_list.kept(),
+        };
+        let is_same = !list.is_empty() && list == self.camera_list && !is_later;
+        if is_same && overlap(&subject.whole, &self.subject.whole) {
+            self.replace_subject(subject);
+            return;
+        }
         self.navigation = subject.navigation(subject.scene.up());
         self.path.set_radian(camera_path::length_of_radian(&subject.scene));
         self.subject = subject;
-        if self.cameras_number > number {
-            self.move_cameras(former);
-            let cameras = std::mem::take(&mut self.cameras);
-            return self.set_cameras(cameras);
-        }
-        self.set_cameras(Vec::new());
-        if let Some((file, cameras)) = beside {
-            self.take_cameras(CameraRole::Selectable, file, cameras);
-        }
+        self.show_list(list);
     }
+}
+
+/// Returns true if the bounds of two scenes have a common point.
+fn overlap(one: &Scene, other: &Scene) -> bool {
+    let [one, other] = [one, other].map(|scene| scene.robust_bounds().in_world(scene.offset()));
+    (0..3).all(|axis| one.min[axis] <= other.max[axis] && other.min[axis] <= one.max[axis])
 }
 
 /// Formats the error of a scene like those of graphs. A list of scenes gets a location: the line and column that the

@@ -53,6 +53,8 @@ pub struct WindowOptions<'a> {
     pub set: Vec<(String, String)>,
     /// Selectable cameras, in scene coordinates.
     pub cameras: Vec<Camera>,
+    /// True if the cameras were found beside the scene, so that another scene does not keep them.
+    pub cameras_beside: bool,
     /// Size of the window's content, in pixels; reduced to fit on the display unless `exact_size`.
     pub size: (u32, u32),
     /// True to keep this size even if it does not fit on the display.
@@ -142,7 +144,10 @@ impl App<'_> {
         if !options.files.is_empty() {
             viewer.set_files_read(options.files);
         }
-        viewer.set_cameras(options.cameras);
+        match options.cameras_beside {
+            true => viewer.set_cameras_beside(options.cameras),
+            false => viewer.set_cameras(options.cameras),
+        }
         viewer.continuous = options.continuous || options.frames.is_some() || options.screenshot.is_some();
         let mut shell = Shell::new(viewer, canvas, super::paint::GRAPH, wake.clone())?;
         shell.panels.vsync = options.vsync;

@@ -1,0 +1,41 @@
+//! Lists the selectable cameras: those that the user named, or those beside A's scene.
+//!
+//! Cameras that the user named stay when another scene is opened, because the original, cleaned and compressed files of
+//! a capture share them. Cameras beside the new scene replace them.
+
+use splatgraph_assets::Camera;
+use std::sync::Arc;
+
+/// Selectable cameras, in world coordinates.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CameraList {
+    cameras: Arc<[Camera]>,
+    /// True if the cameras were found beside A's scene.
+    is_beside: bool,
+}
+
+impl CameraList {
+    /// Creates the list of cameras that the user named.
+    pub(super) fn named(cameras: Vec<Camera>) -> CameraList {
+        CameraList { cameras: cameras.into(), is_beside: false }
+    }
+
+    /// Creates the list of the cameras found beside a scene.
+    pub(super) fn beside(cameras: Vec<Camera>) -> CameraList {
+        CameraList { cameras: cameras.into(), is_beside: true }
+    }
+
+    /// Returns the cameras in the coordinates of a scene whose origin is at `offset`.
+    pub(super) fn in_scene(&self, offset: [f64; 3]) -> Vec<Camera> {
+        self.cameras.iter().map(|camera| camera.relative_to(offset)).collect()
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.cameras.is_empty()
+    }
+
+    /// Returns the list for another scene without cameras beside it.
+    pub(super) fn kept(&self) -> CameraList {
+        if self.is_beside { CameraList::default() } else { self.clone() }
+    }
+}
