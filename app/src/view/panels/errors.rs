@@ -124,13 +124,21 @@ fn heading(consequences: Vec<(RendererId, &str)>, has_b: bool) -> String {
     if consequences.is_empty() { LAST_PLAN.to_owned() } else { named(consequences, has_b).join(". ") }
 }
 
-/// Prefixes each problem with its viewport if there is a B. If there are only two and they are equal, merges them.
+/// Prefixes each problem with its viewport if there is a B. Merges equal problems of A and B.
 fn named<T: PartialEq + Display>(problems: Vec<(RendererId, T)>, has_b: bool) -> Vec<String> {
-    match problems.as_slice() {
-        _ if !has_b => problems.iter().map(|(_, problem)| problem.to_string()).collect(),
-        [(_, one), (_, other)] if one == other => vec![format!("A and B: {one}")],
-        _ => problems.iter().map(|(id, problem)| format!("{id}: {problem}")).collect(),
+    if !has_b {
+        return problems.iter().map(|(_, problem)| problem.to_string()).collect();
     }
+    let mut named: Vec<String> = Vec::new();
+    for (id, problem) in &problems {
+        let has = |of: RendererId| problems.iter().any(|(id, other)| *id == of && other == problem);
+        if !(has(RendererId::A) && has(RendererId::B)) {
+            named.push(format!("{id}: {problem}"));
+        } else if *id == RendererId::A {
+            named.push(format!("A and B: {problem}"));
+        }
+    }
+    named
 }
 
 /// Parses the first location of an existing file in an error, such as `  --> pipelines/splat.ron:11:85`. `None` if it
@@ -154,6 +162,8 @@ mod tests {
         let both = |a, b| vec![(RendererId::A, a), (RendererId::B, b)];
         assert_eq!(named(both("error: x", "error: y"), true), ["A: error: x", "B: error: y"]);
         assert_eq!(named(both("error: x", "error: x"), true), ["A and B: error: x"]);
+        let three = [vec![(RendererId::A, "error: the scene")], both("error: x", "error: x")].concat();
+        assert_eq!(named(three, true), ["A: error: the scene", "A and B: error: x"]);
         assert_eq!(heading(both("No plan yet", LAST_PLAN), true), format!("A: No plan yet. B: {LAST_PLAN}"));
         assert_eq!(heading(vec![(RendererId::A, "No plan yet")], false), "No plan yet");
         assert_eq!(heading(Vec::new(), true), LAST_PLAN);

@@ -330,13 +330,19 @@ impl Renderer {
         self.want(Cause::Graph, Instant::now());
     }
 
-    /// Sets a parameter; `None` restores the value of the graph or its preset. An unknown name changes nothing.
+    /// Sets a parameter; `None` restores the value of the graph or its preset. An unknown name cannot be set.
     ///
     /// A constant requests a build. The parameter's raised capacity is forgotten. The value's type and range are not
     /// checked here: they must fit the parameter's domain.
     pub fn set_param(&mut self, name: &str, value: Option<Value>) {
         let control = self.controls.iter_mut().find(|control| control.param.name == name);
-        let Some(Control { param, unset, .. }) = control else { return };
+        let Some(Control { param, unset, .. }) = control else {
+            // Before the first plan, no parameter is known.
+            if value.is_none() && self.choice.set.shift_remove(name).is_some() {
+                self.want(Cause::Parameter(name.to_owned()), Instant::now());
+            }
+            return;
+        };
         let value = value.filter(|value| value != unset);
         match &value {
             Some(value) => {
@@ -365,8 +371,12 @@ impl Renderer {
 
     /// Replaces the changed parameters with `set`; all others return to their defaults.
     ///
-    /// A parameter keeps its value if the text in `set` is invalid. Names that the graph lacks are ignored.
+    /// A parameter keeps its value if the text in `set` is invalid. Names that the graph lacks are ignored. Before the
+    /// first plan, no parameter is known, and the next build checks `set`.
     pub fn replace_set(&mut self, set: &IndexMap<String, String>) {
+        if self.controls.is_empty() && self.choice.set != *set {
+            return self.choose(&self.choice.graph.clone(), set.clone());
+        }
         let of = |Control { param, .. }: &Control| {
             let value = set.get(&param.name).map(|text| parse_value(text, &param.domain)).transpose();
             value.ok().map(|value| (param.name.clone(), value))

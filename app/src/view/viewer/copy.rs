@@ -27,14 +27,15 @@ impl Viewer {
         self.copying.is_some()
     }
 
-    /// Starts to measure the copy limit with the next frames; it is unknown meanwhile. Reports a failure as an event.
-    /// If the measurement cannot start, the former limit stays. Does nothing during a measurement.
+    /// Starts to measure the copy limit with the next frames; it is unknown meanwhile, and after a failure. Reports a
+    /// failure as an event. Does nothing during a measurement.
     pub fn measure_copy(&mut self) {
         if self.is_measuring_copy() {
             return;
         }
+        self.copy_limit = None;
         match self.viewport_beside_a(RendererId::A, Choice::new(GRAPH, &[])) {
-            Ok(viewport) => (self.copy_limit, self.copying) = (None, Some(viewport)),
+            Ok(viewport) => self.copying = Some(viewport),
             Err(error) => self.end_copy(Err(error.to_string())),
         }
     }
