@@ -427,19 +427,6 @@ mod tests {
     }
 
     #[test]
-    fn options_that_commands_share_are_described_as_each_command_takes_them() {
-        let all = Cli::command();
-        let help = |command: &str, option: &str| {
-            let found = all.find_subcommand(command).expect(command).get_arguments();
-            let found = found.into_iter().find(|argument| argument.get_id() == option).expect(option);
-            let texts = [found.get_help(), found.get_long_help()];
-            texts.into_iter().flatten().map(ToString::to_string).collect::<String>()
-        };
-        assert_eq!(help("view", "size"), "Size of the window [default: 1600x900]");
-        assert!(help("view", "cameras").ends_with("[default: all cameras of the file beside the scene]"));
-    }
-
-    #[test]
     fn options_of_loading_may_stand_before_or_after_the_command() {
         for line in
             ["splatgraph --level 2 --ignore-tags info a.sog", "splatgraph info a.sog --level 2 --ignore-tags"]

@@ -414,6 +414,18 @@ mod tests {
     use splatgraph_assets::synth;
 
     #[test]
+    fn options_of_other_commands_are_described_as_the_window_takes_them() {
+        let view = <Args as clap::Args>::augment_args(clap::Command::new("view"));
+        let help = |option: &str| {
+            let found = view.get_arguments().find(|argument| argument.get_id() == option).expect(option);
+            let texts = [found.get_help(), found.get_long_help()];
+            texts.into_iter().flatten().map(ToString::to_string).collect::<String>()
+        };
+        assert_eq!(help("size"), "Size of the window [default: 1600x900]");
+        assert!(help("cameras").ends_with("[default: all cameras of the file beside the scene]"));
+    }
+
+    #[test]
     fn all_cameras_beside_the_scene_are_opened_and_a_file_without_cameras_is_no_error() {
         let folder = tempfile::tempdir().unwrap();
         let (scene, beside) = (folder.path().join("a.ply"), folder.path().join("cameras.json"));
