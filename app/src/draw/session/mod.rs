@@ -105,6 +105,9 @@ pub enum SessionError {
     Inspect(#[from] InspectError),
 }
 
+/// Plans of a graph for picture sizes, with the default capacities; see [`Session::plan_of`].
+pub type Built = Arc<Vec<((u32, u32), Plan)>>;
+
 /// Draws a scene on a device with a plan; see the [module documentation](self).
 ///
 /// Shaders are compiled in this process, which an invalid shader can crash. For graphs of others, a program first calls
@@ -122,6 +125,8 @@ pub struct Session {
     /// Settings without an effect that were reported.
     told_settings: BTreeSet<String>,
     loaded: Option<(Arc<Plan>, (u32, u32))>,
+    /// Plans of the current graph, settings, scene and outputs; empty if none were given.
+    built: Built,
     frame: u32,
     /// Frames in flight of plans whose lists can grow, in the order of submission, with the inputs to repeat them.
     flying: Vec<Flight>,
@@ -175,6 +180,7 @@ impl Session {
             told: Vec::new(),
             told_settings: BTreeSet::new(),
             loaded: None,
+            built: Built::default(),
             frame: 0,
             flying: Vec::new(),
             growths: 0,
@@ -205,6 +211,7 @@ impl Session {
 
     /// Gives every resource of later plans its own memory, so that its contents can be read after any pass.
     pub fn keep_contents(&mut self) {
+        self.built = Built::default();
         self.planner.share_memory = false;
     }
 
@@ -215,6 +222,7 @@ impl Session {
     pub fn set_outputs(&mut self, names: &[String]) {
         if self.planner.outputs != names {
             self.planner.outputs = names.to_vec();
+            self.built = Built::default();
             self.forget_plan();
         }
     }
@@ -231,8 +239,17 @@ impl Session {
     pub fn set_graph(&mut self, pipeline: &str, set: &[(String, String)]) {
         self.pipeline = pipeline.to_owned();
         self.set = set.to_vec();
+        self.built = Built::default();
         self.forget_plan();
         self.planner.capacities = Capacities::default();
+    }
+
+    /// Changes the graph like [`Session::set_graph`], and gives its plans, so that [`Session::prepare`] does not build
+    /// them again, unless outputs are requested or a list grew. They must come from [`Session::plan_of`] with the same
+    /// graph and parameters, of a session with the same device and scene.
+    pub fn set_planned(&mut self, pipeline: &str, set: &[(String, String)], built: &Built) {
+        self.set_graph(pipeline, set);
+        self.built = built.clone();
     }
 
     /// Changes the graph like [`Session::set_graph`], after checking it and its parameters for pictures of this size.
@@ -255,6 +272,7 @@ impl Session {
     /// Discards the plan and frames in flight, and resets growing parameters to their defaults.
     pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) {
         self.scene = scene.into();
+        self.built = Built::default();
         self.forget_plan();
         self.planner.capacities = Capacities::default();
     }
@@ -429,13 +447,18 @@ impl Session {
         former: Former,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<(), SessionError> {
-        let (facts, catalog) = info_span!("collect facts").in_scope(|| self.facts(size));
-        let plan = info_span!("build the plan")
-            .in_scope(|| self.planner.plan(&self.pipeline, &self.set, &facts, &catalog));
-        let plan = plan.map_err(|errors| match self.scene.count() {
-            0 => SessionError::NoSplats { dropped: self.scene.dropped().total(), errors },
-            _ => errors.into(),
-        })?;
+        let built = self.built.iter().find(|(of, _)| *of == size).map(|(_, plan)| plan);
+        // The places of warnings are known only to the planner that built the plan.
+        let is_usable = |plan: &&Plan| {
+            let planner = &self.planner;
+            plan.warnings.is_empty()
+                && planner.outputs.is_empty()
+                && planner.capacities == Capacities::default()
+        };
+        let plan = match built.filter(is_usable) {
+            Some(plan) => plan.clone(),
+            None => self.build(size)?,
+        };
         if !plan.warnings.is_empty() {
             let warnings = self.planner.warnings(&plan, false);
             if !self.told_warnings.contains(&warnings) {
@@ -459,6 +482,16 @@ impl Session {
         })?;
         self.loaded = Some((Arc::new(plan), size));
         Ok(())
+    }
+
+    fn build(&mut self, size: (u32, u32)) -> Result<Plan, SessionError> {
+        let (facts, catalog) = info_span!("collect facts").in_scope(|| self.facts(size));
+        let plan = info_span!("build the plan")
+            .in_scope(|| self.planner.plan(&self.pipeline, &self.set, &facts, &catalog));
+        plan.map_err(|errors| match self.scene.count() {
+            0 => SessionError::NoSplats { dropped: self.scene.dropped().total(), errors },
+            _ => errors.into(),
+        })
     }
 
     /// Lists the settings that have no effect in the current plan, as lines with reasons; empty without a plan. Each

@@ -56,6 +56,27 @@ fn a_frame_in_part_is_drawn_again_with_room_for_a_quarter_more() {
 }
 
 #[test]
+fn a_plan_that_was_built_before_is_taken_until_a_list_grows_or_the_graph_changes() {
+    let (mut session, _, camera) = session(300, Config::default());
+    // The plan of other settings shows where a plan comes from.
+    let other = session.plan_of(GRAPH, &[("entries".into(), "250".into())], SIZE);
+    let built = Built::new(vec![(SIZE, other.unwrap_or_else(|errors| panic!("{errors}")))]);
+    let prepared = |session: &mut Session, size| {
+        session.prepare(size, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
+        entries(session)
+    };
+    session.set_planned(GRAPH, &[], &built);
+    assert_eq!(prepared(&mut session, (64, 32)), Value::Int(100), "another size");
+    assert_eq!(prepared(&mut session, SIZE), Value::Int(250));
+    draw(&mut session, &camera).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(entries(&session), Value::Int(375));
+    session.set_planned(GRAPH, &[], &built);
+    assert_eq!(prepared(&mut session, SIZE), Value::Int(250));
+    session.set_graph(GRAPH, &[]);
+    assert_eq!(prepared(&mut session, SIZE), Value::Int(100));
+}
+
+#[test]
 fn a_camera_of_another_size_is_an_error_that_names_both() {
     let (mut session, _, camera) = session(1, Config::default());
     let error = draw(&mut session, &camera.resized(80, 45)).map(drop).expect_err("another size");

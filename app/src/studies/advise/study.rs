@@ -4,7 +4,7 @@ use super::harmonics::{self, Band};
 use super::search::{Best, Budget, Tried, best, combinations, own_share};
 use crate::draw::interleaved::{Effort, Frames};
 use crate::draw::keys::{self, Need};
-use crate::draw::session::Session;
+use crate::draw::session::{Built, Session};
 use crate::studies::measurement::plans::{self, Planned, to_measure};
 use crate::studies::measurement::settings::{self, EXACT};
 use crate::studies::measurement::time::FRAMES_DIVISOR;
@@ -14,7 +14,7 @@ use crate::studies::trade::measure::{MAX_PENDING, Pending, Row, Sessions};
 use serde::Serialize;
 use splatgraph_assets::{Camera, Report, Scene};
 use splatgraph_framework::lower::Control;
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::sync::mpsc::{self, Receiver};
 use std::thread::{self, Scope};
 
@@ -102,7 +102,7 @@ pub fn study(
         let drawn: Result<Vec<View>, StudyError> = drawn.map(|(step, view)| step.and(view)).collect();
         Ok((planned, drawn?))
     })?;
-    let Planned { settings: singles, pipelines: _pipelines, .. } = planned;
+    let Planned { settings: singles, built, pipelines: _pipelines, .. } = planned;
     let effort = wanted.frames.choose(&mut exact, first, FRAMES_DIVISOR)?;
 
     let mut steps = Steps::new(listener, "measuring", singles.len() + DRAWN.0);
@@ -110,7 +110,8 @@ pub fn study(
     let mut exact_ms = vec![None; views.len()];
     let mut floor = None;
     let mut measured = |settings: &[&Setting]| {
-        measured(&mut session, &mut exact, &mut exact_ms, settings, (&views, effort), &mut steps)
+        let sessions = (&mut session, &mut exact);
+        measured(sessions, &mut exact_ms, (settings, &built), (&views, effort), &mut steps)
     };
     let settings: Vec<&Setting> = singles.iter().map(|(setting, _)| setting).collect();
     for (setting, rows) in settings.iter().zip(measured(&settings)?) {
@@ -181,10 +182,9 @@ fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, Strin
 ///
 /// `None` for a setting that draws from the previous frame: the second frame of a still view does not show its error.
 fn measured(
-    session: &mut Session,
-    exact: &mut Session,
+    (session, exact): (&mut Session, &mut Session),
     exact_ms: &mut [Option<f64>],
-    settings: &[&Setting],
+    (settings, built): (&[&Setting], &HashMap<String, Built>),
     (views, effort): (&[View], Effort),
     steps: &mut Steps,
 ) -> Result<Vec<Option<Vec<Row>>>, StudyError> {
@@ -198,7 +198,8 @@ fn measured(
         for (of, setting) in settings.iter().enumerate() {
             steps.next(&setting.name)?;
             all.push(Some(Vec::new()));
-            let mut sessions = Sessions::new(exact, session, setting, None, views.len());
+            let built = built.get(&setting.name);
+            let mut sessions = Sessions::new(exact, session, setting, (None, built), views.len());
             for (view, exact_ms) in views.iter().zip(&mut *exact_ms) {
                 let row = sessions.measure(scope, view, effort, *exact_ms)?;
                 if sessions.plan().is_some_and(plans::uses_last_frame) {

@@ -2,13 +2,13 @@
 
 use super::settings::with_effect;
 use crate::draw::fingerprint::fingerprint;
-use crate::draw::session::{Session, SessionError};
+use crate::draw::session::{Built, Session, SessionError};
 use crate::studies::study::{Listener, Setting, Steps, StudyError};
 use splatgraph_api::{Compiled, Device, Loader};
 use splatgraph_assets::Camera;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Cancel;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
@@ -27,6 +27,8 @@ pub struct Planned {
     pub settings: Vec<(Setting, Option<u64>)>,
     /// The settings that are left out because of equal plans.
     pub same_plan: SamePlan,
+    /// The plans of each setting, by its name. A setting whose plans cannot be built is missing.
+    pub built: HashMap<String, Built>,
     /// Pipelines of each setting's plan for one picture size, compiled ahead; to keep until the measurements end.
     ///
     /// Empty on CPUs, where compilation would compete with frames for cores.
@@ -59,7 +61,7 @@ pub fn to_measure(
     sizes.dedup();
     let mut steps = Steps::new(listener, "building plans", all.len());
     let ahead = usize::from(!exact.device().info().is_cpu());
-    let mut planned = Vec::new();
+    let (mut planned, mut built) = (Vec::new(), HashMap::new());
     let (sender, pipelines) = mpsc::channel();
     let is_cancelled = Arc::new(AtomicBool::new(false));
     rayon::in_place_scope(|scope| -> Result<(), StudyError> {
@@ -69,8 +71,8 @@ pub fn to_measure(
             let plans = plans.collect::<Result<Vec<Plan>, _>>().ok();
             let based_on = plans.iter().flatten().map(|plan| plan.based_on.len()).max().unwrap_or(0);
             let depth = if Some(&setting.pipeline) == graph.as_ref() { 0 } else { 1 + based_on };
-            planned.push((depth, (setting, plans.as_deref().map(fingerprints))));
-            for plan in plans.into_iter().flatten().take(ahead) {
+            let hash = plans.as_deref().map(fingerprints);
+            for plan in plans.iter().flatten().take(ahead).cloned() {
                 let (is_cancelled, sender) = (is_cancelled.clone(), sender.clone());
                 let cancel = Cancel::new(move || is_cancelled.load(Ordering::Relaxed));
                 let loader = exact.device().loader().cancelled_by(cancel);
@@ -79,6 +81,11 @@ pub fn to_measure(
                     let _ = loader.compile(plan).map(|pipelines| sender.send(pipelines));
                 });
             }
+            if let Some(plans) = plans {
+                let plans: Vec<_> = sizes.iter().copied().zip(plans).collect();
+                built.insert(setting.name.clone(), Built::new(plans));
+            }
+            planned.push((depth, (setting, hash)));
         }
         Ok(())
     })?;
@@ -89,7 +96,8 @@ pub fn to_measure(
     {
         listener.say(&format!("not measured: `{other}` has the same plan as `{setting}`"));
     }
-    Ok(Planned { settings, same_plan, pipelines: pipelines.into_iter().collect() })
+    built.retain(|name, _| settings.iter().any(|(setting, _)| setting.name == *name));
+    Ok(Planned { settings, same_plan, built, pipelines: pipelines.into_iter().collect() })
 }
 
 fn fingerprints(plans: &[Plan]) -> u64 {

@@ -1,7 +1,7 @@
 //! Measures a setting in a view: a row of the ledger.
 
 use crate::draw::interleaved::Effort;
-use crate::draw::session::{Session, SessionError};
+use crate::draw::session::{Built, Session, SessionError};
 use crate::io::image::Image;
 use crate::io::report::text::hex;
 use crate::studies::measurement::settings::EXACT;
@@ -70,6 +70,7 @@ pub struct Sessions<'a> {
     session: &'a mut Session,
     setting: &'a Setting,
     plan: Option<u64>,
+    built: Built,
     /// Number of views over which times are averaged.
     views: usize,
     /// Value of [`Session::growths`] when the setting was loaded; `None` before the first view.
@@ -77,16 +78,17 @@ pub struct Sessions<'a> {
 }
 
 impl<'a> Sessions<'a> {
-    /// Stores the sessions; the setting is loaded with the first view. `plan` is the hash of its plans, if known, and
-    /// `views` the number of views over which times are averaged.
+    /// Stores the sessions; the setting is loaded with the first view. `plan` is the hash of its plans, and `built` the
+    /// plans; both `None` if they are unknown. Times are averaged over `views` views.
     pub fn new(
         exact: &'a mut Session,
         session: &'a mut Session,
         setting: &'a Setting,
-        plan: Option<u64>,
+        (plan, built): (Option<u64>, Option<&Built>),
         views: usize,
     ) -> Sessions<'a> {
-        Sessions { exact, session, setting, plan, views, loaded: None }
+        let built = built.cloned().unwrap_or_default();
+        Sessions { exact, session, setting, plan, built, views, loaded: None }
     }
 
     /// Measures the setting in a view, interleaved with the exact settings. `exact_ms` is [`Baseline::ms`].
@@ -101,11 +103,11 @@ impl<'a> Sessions<'a> {
         effort: Effort,
         exact_ms: Option<f64>,
     ) -> Result<Pending<'scope>, SessionError> {
-        let Sessions { exact, session, setting, plan, views, loaded } = self;
+        let Sessions { exact, session, setting, plan, built, views, loaded } = self;
         exact.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
         // Reload after a list grew for the previous view, so that its memory does not count in this view.
         if *loaded != Some(session.growths()) {
-            session.set_graph(&setting.pipeline, &setting.set);
+            session.set_planned(&setting.pipeline, &setting.set, built);
         }
         *loaded = Some(session.growths());
         let baseline = Baseline { session: exact, ms: exact_ms };

@@ -4,7 +4,7 @@ use super::ledger::{self, Book, Ledger, Origin};
 use super::measure::{MAX_PENDING, Pending, Sessions};
 use super::pictures::Album;
 use crate::draw::interleaved::{Effort, Frames};
-use crate::draw::session::Session;
+use crate::draw::session::{Built, Session};
 use crate::io::image::Image;
 use crate::io::program;
 use crate::io::report::text::hex;
@@ -19,7 +19,7 @@ use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::Param;
 use splatgraph_framework::lower::Control;
 use splatgraph_reference::PictureMemoryError;
-use std::collections::{BTreeSet, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::ffi::OsStr;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::panic::resume_unwind;
@@ -72,6 +72,8 @@ pub struct Study {
     /// The settings, each with the hash of its plans, `None` if one cannot be built. The exact settings are first.
     settings: Vec<(Setting, Option<u64>)>,
     same_plan: SamePlan,
+    /// The plans of each setting, by its name.
+    built: HashMap<String, Built>,
     origin: Origin,
     /// Keeps the settings' pipelines alive, so that they are not created again.
     _pipelines: Vec<Compiled>,
@@ -100,10 +102,10 @@ impl Study {
             let name = &setting.name;
             *name == settings::EXACT || only(wanted, name) || earlier.contains(name)
         };
-        let Planned { settings, same_plan, pipelines } =
+        let Planned { settings, same_plan, built, pipelines } =
             to_measure(settings, &mut exact, &subject.cameras, &is_wanted, listener)?;
         let origin = origin(subject, wanted, &controls, settings[0].1)?;
-        Ok(Study { exact, session, settings, same_plan, origin, _pipelines: pipelines })
+        Ok(Study { exact, session, settings, same_plan, built, origin, _pipelines: pipelines })
     }
 
     /// Returns the inputs on which the rows depend.
@@ -145,7 +147,7 @@ impl Study {
         (book, album): (&mut Book, &Album),
         listener: &mut dyn Listener,
     ) -> Result<(), StudyError> {
-        let Study { exact, session, settings, .. } = self;
+        let Study { exact, session, settings, built, .. } = self;
         let mut steps = Steps::new(listener, "measuring", settings.len() * views.len());
         let last = views.end;
         let mut together = Vec::new();
@@ -176,7 +178,7 @@ impl Study {
                 let done = measure_views(
                     scope,
                     (exact, session),
-                    (settings, subject.cameras.len()),
+                    (settings, built, subject.cameras.len()),
                     &together,
                     (ms, &have),
                     ends,
@@ -235,7 +237,7 @@ fn keep(
 fn measure_views<'scope>(
     scope: &'scope Scope<'scope, '_>,
     (exact, session): (&mut Session, &mut Session),
-    (settings, all): (&[(Setting, Option<u64>)], usize),
+    (settings, built, all): (&[(Setting, Option<u64>)], &HashMap<String, Built>, usize),
     views: &'scope [(View, Effort)],
     (mut ms, have): (Vec<Option<f64>>, &HashSet<(String, String)>),
     (rows, kept): (SyncSender<Measured<'scope>>, Option<Receiver<()>>),
@@ -243,7 +245,8 @@ fn measure_views<'scope>(
 ) -> Result<(), StudyError> {
     // All views of a setting are measured together, so that its plan and its shaders are built only once.
     for (setting, plan) in settings {
-        let mut sessions = Sessions::new(exact, session, setting, *plan, all);
+        let built = built.get(&setting.name);
+        let mut sessions = Sessions::new(exact, session, setting, (*plan, built), all);
         for ((view, effort), ms) in views.iter().zip(&mut ms) {
             let name = &view.camera.img_name;
             if have.contains(&(setting.name.clone(), name.clone())) {
