@@ -7,7 +7,7 @@ use std::fs;
 
 const SHORT: &str = "trade scene.ply -c cameras.json --rounds 1 --frames 1";
 
-/// The command that draws the pictures that serve as truth, into `true/`.
+/// Command that draws the true pictures into `true/`.
 const TRUTH: &str = "render scene.ply -c cameras.json -o true --format npy";
 
 fn ledger(place: &Place) -> Value {

@@ -31,7 +31,7 @@ pub struct Camera {
     pub rotation: [[f64; 3]; 3],
     /// Horizontal focal length, in the unit that [`Projection`] lists: pixels for a pinhole.
     pub fx: f64,
-    /// Vertical focal length, in the same unit.
+    /// Vertical focal length, in the unit of `fx`.
     pub fy: f64,
     /// Principal point, where the view's axis meets the image: right and down from the image's centre, in pixels. It is
     /// the centre of an equirectangular image.

@@ -23,7 +23,7 @@ pub enum Blind {
     ShaderWrites,
     /// A binding that a shader both loads from and stores to counts only as a write.
     LoadsBesideStores,
-    /// A binding that is accessed only by atomics counts only as a read.
+    /// A binding that only atomics write counts only as a read.
     Atomics,
     /// It does not track reads and writes of the host.
     Host,

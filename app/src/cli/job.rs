@@ -308,7 +308,7 @@ impl Job {
         Ok(ran)
     }
 
-    /// Closes the device, and returns its validation messages.
+    /// Closes the device. Returns its validation messages, after those of devices that failures closed.
     pub fn close(&mut self) -> Vec<String> {
         self.shut();
         std::mem::take(&mut self.messages)

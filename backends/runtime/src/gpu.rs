@@ -94,8 +94,8 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Returns the bytes of device memory that all objects use, and the bytes reserved for them.
     fn memory(&self) -> DeviceMemory;
 
-    /// Returns the bytes still available in the largest device-local heap, as the driver estimates now; `None` if
-    /// unknown.
+    /// Estimates the bytes that new allocations can use in the largest device-local heap, including free space that the
+    /// backend has reserved; `None` if unknown.
     fn available(&self) -> Option<u64>;
 
     /// Returns the image uses that the device supports for a format.

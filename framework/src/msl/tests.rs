@@ -1,4 +1,4 @@
-//! Tests the argument indices, and the errors for shaders that Metal cannot run.
+//! Tests translated texts, argument indices, and the errors for shaders that are invalid or that Metal cannot run.
 
 use super::*;
 use crate::build;

@@ -18,7 +18,7 @@ pub struct GraphErrors {
 }
 
 impl GraphErrors {
-    /// Renders the errors of [`build`](crate::build()), with the texts that it read.
+    /// Renders errors, such as those of [`build`](crate::build()). `files` is the source map in which they were found.
     pub fn new(files: &SourceMap, found: &[Diagnostic]) -> GraphErrors {
         GraphErrors {
             found: found.iter().map(|error| PlainDiagnostic::new(files, error, Severity::Error)).collect(),

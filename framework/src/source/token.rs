@@ -40,7 +40,8 @@ pub(super) struct Text {
     pub value: String,
     /// Byte range of the file between the quotes.
     pub inside: Range<usize>,
-    /// Pairs of an offset in the value and its offset in the file. Between pairs, both offsets advance together.
+    /// Pairs of an offset in the value and its offset in the file, ascending; the first is the start of the string.
+    /// From one pair up to the next, both offsets advance together.
     pub steps: Vec<(usize, usize)>,
 }
 

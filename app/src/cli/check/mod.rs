@@ -392,7 +392,8 @@ fn listed(unmet: &[Unmet]) -> String {
     unmet.iter().map(ToString::to_string).collect::<Vec<_>>().join(" and ")
 }
 
-/// Describes the requirements that a device does not meet, and the fallbacks; `None` if it meets all.
+/// Describes the requirements that a device does not meet, and the fallbacks; `None` if there are none. Skips graphs
+/// that a choice only ranks lower.
 fn lacking(Standing { fallbacks, unmet }: Standing) -> Option<String> {
     let mut parts: Vec<String> = Fallback::lacking(&fallbacks).map(ToString::to_string).collect();
     if !unmet.is_empty() {

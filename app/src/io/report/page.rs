@@ -132,7 +132,7 @@ impl Page {
         self.figures("", figures)
     }
 
-    /// Adds pictures in rows of `columns` columns, whatever the width of the page.
+    /// Adds pictures as a grid of `columns` columns, whatever the width of the page.
     ///
     /// # Errors
     /// A picture cannot be encoded.

@@ -107,7 +107,8 @@ pub fn size_text(size: Option<(u32, u32)>) -> String {
     size.map_or("cameras' size".into(), |(width, height)| format!("{width}x{height}"))
 }
 
-/// Shortens the paths of scenes to their stems, each with as many folders as tell it from the others.
+/// Shortens the paths of scenes to their stems, each with the fewest parent folders that tell it from the others. If no
+/// number of folders does, as for `scene.ply` beside `scene.spz`, the path stays whole.
 pub fn scene_names(scenes: impl IntoIterator<Item = String>) -> Vec<String> {
     let scenes: Vec<String> = scenes.into_iter().collect();
     let named = |scene: &str, folders: usize| -> String {

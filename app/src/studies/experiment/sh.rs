@@ -19,7 +19,7 @@ use splatgraph_reference::metrics::{self, squared_error};
 use splatgraph_reference::{Rules, Splats, check_memory};
 use std::f64::consts::PI;
 
-/// Directions from which a single camera draws the part, in degrees to its side.
+/// Angles by which a single camera is turned around the part, in degrees: positive to the camera's left.
 pub const DEGREES: [f64; 3] = [-30.0, 0.0, 30.0];
 
 /// A picture drawn with bands up to some degree, and its PSNR against two pictures with all bands.

@@ -71,7 +71,8 @@ pub struct Measured {
     /// The error of the picture.
     pub error: Error,
     /// Number of pairs of visible splats that are drawn out of depth order. `None` if the graph has no readable order,
-    /// or orders are not compared.
+    /// if the order repeats a splat or has one that [`View::order`] lacks, or if orders are not compared. An empty
+    /// order always gives 0.
     pub inversions: Option<u64>,
     /// True if the plan reads the previous frame: a still view then hides the lag behind a moving camera.
     pub of_last_frame: bool,

@@ -103,7 +103,7 @@ pub struct Panels {
     pub hud: bool,
     /// Viewport that the tools show and change.
     pub selected: RendererId,
-    /// Positions of controls, for scripted input.
+    /// Positions of controls, for scripted input, and the user's requests to the window.
     pub controls: Controls,
     /// True to show the window of keys and mouse controls.
     pub help: bool,

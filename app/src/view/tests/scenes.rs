@@ -1,4 +1,4 @@
-//! Tests the scenes of A and B, on the null device.
+//! Tests the scenes of A and B, with their cameras and their picked, selected and hidden splats, on the null device.
 
 use super::script::Script;
 use crate::draw::splat_set::SplatSet;

@@ -29,7 +29,7 @@ impl Viewer {
     }
 }
 
-/// Lists the parameters that a preset, and the presets that it is based on, set; empty for other graphs.
+/// Lists the parameters set by a preset and by the presets that it is based on; empty for other graphs.
 fn preset_settings(graph: &str) -> Vec<String> {
     let mut files = builtin::source_map();
     let (mut names, mut graph, mut from) = (Vec::new(), graph.to_owned(), None);

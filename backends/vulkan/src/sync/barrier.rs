@@ -60,11 +60,11 @@ impl Barriers {
 /// A barrier: orders earlier commands (the source) and their memory accesses before later ones (the target).
 ///
 /// All earlier work of the source stages and of stages before them happens before all later work of the target stages
-/// and of stages after them, for all resources. Barriers with overlapping scopes form chains. Writes by the source
-/// accesses in the source stages themselves are made available. Available writes (from here, or from earlier in the
-/// chain) become visible to the target accesses in the target stages themselves. Without an image, availability and
-/// visibility apply to all memory, otherwise only to accesses through that image. (Vulkan 1.3, chapter 7,
-/// "Synchronization and Cache Control".)
+/// and of stages after them, for all resources. Barriers of successive calls form chains if their scopes overlap.
+/// Writes by the source accesses in the source stages themselves are made available. Available writes (from here, or
+/// from earlier in the chain) become visible to the target accesses in the target stages themselves. Without an image,
+/// availability and visibility apply to all memory, otherwise only to accesses through that image. (Vulkan 1.3,
+/// chapter 7, "Synchronization and Cache Control".)
 #[derive(Clone, Debug, PartialEq)]
 pub struct Barrier {
     /// The image whose layout changes. The change is a write that happens between source and target, and is visible to

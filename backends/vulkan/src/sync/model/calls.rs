@@ -1,8 +1,8 @@
 //! Stores the barrier calls of a replay, which are applied to each cell lazily.
 //!
-//! A barrier applies to all memory, and a graph may have thousands of calls and of cells. But most calls equal others,
-//! and a call only ever adds to a record's sets, so few calls change a record. Equal calls are therefore grouped into
-//! kinds, and a cell that passes through many calls skips from one that changes it to the next.
+//! A barrier applies to all memory, and a graph may have thousands of calls and cells. But most calls equal others, and
+//! a call only ever adds stages to a record's sets, so few calls change a record. Equal calls are therefore grouped
+//! into kinds. A cell that passes through many calls skips the calls that do not change it.
 
 use std::collections::HashMap;
 
