@@ -28,7 +28,11 @@ impl Panels {
                 (Key::F12, _) if modifiers.shift => self.controls.commands.push(Command::SavePicture),
                 (Key::F12, _) => self.controls.commands.push(Command::Screenshot),
                 (Key::F11, _) => self.controls.commands.push(Command::Fullscreen),
-                (Key::F1, _) => self.help = !self.help,
+                (Key::F1, _) => {
+                    self.help = !self.help;
+                    // Keys scroll the list only while no control has the focus.
+                    ctx.memory_mut(|memory| memory.focused().map(|id| memory.surrender_focus(id)));
+                }
                 (Key::V, _) => {
                     self.vsync = !self.vsync;
                     self.controls.commands.push(Command::Vsync(self.vsync));

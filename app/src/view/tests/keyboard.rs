@@ -105,6 +105,7 @@ fn the_list_of_keys_uses_the_window_scrolls_by_keys_and_closes_with_escape() {
     script.settle();
     script.viewer().select_all(RendererId::A);
     let before = camera(&mut script);
+    script.press(Key::Tab, Modifiers::NONE);
     script.press(Key::F1, Modifiers::NONE);
     (0..10).for_each(|_| drop(script.frame(false)));
     let find = |script: &mut Script, name: &str| script.panels().controls.find(name);
