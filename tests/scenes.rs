@@ -55,7 +55,9 @@ fn scenes_on_the_command_line_are_drawn_in_one_sort_with_their_places() {
     for line in ["2 scenes are in each picture; ", "both/: old.png is not of this run\n"] {
         assert!(errors.contains(line), "{line}: {errors}");
     }
-    let (_, errors) = place.said("render a.ply -c cameras.json#0 --size 16x9 -p splat -o one/");
+    place.write("one/depth.npy", "");
+    let one = "-o one/ --format npy -o depth=one/depth.npy";
+    let (_, errors) = place.said(&format!("render a.ply -c cameras.json#0 --size 16x9 -p splat {one}"));
     assert!(!errors.contains("in each picture") && !errors.contains("of this run"), "{errors}");
 }
 

@@ -248,6 +248,26 @@ mod tests {
     }
 
     #[test]
+    fn a_moved_camera_sees_a_moved_scene_as_before_also_far_from_the_origin() {
+        let eye = DVec3::new(4e5, 5.5e6, 120.0);
+        let at = |x, y, z| eye + DVec3::new(x, y, z);
+        let up = [0.0, 0.1, 1.0];
+        let camera = Camera::looking_at_upright(eye.into(), at(3.0, -2.0, 1.0).into(), up, 70.0, (64, 48));
+        let turn = DQuat::from_axis_angle(DVec3::new(0.6, -0.48, 0.64), 1.1);
+        let by = Similarity { rotation: turn, scale: 2.5, translation: DVec3::new(1.0, -2.0, 3e5) };
+        let moved = camera.transformed(&by);
+        for point in [at(5.0, 0.0, 1.0), at(-1.0, 2.0, 0.5), at(0.0, -3.0, -7.0)] {
+            let before = DVec3::from(camera.to_view(point.into()));
+            let after = DVec3::from(moved.to_view(by.point(point).into()));
+            assert!(after.distance(2.5 * before) < 1e-7, "{before} and {after}");
+        }
+        assert_eq!((moved.fx, moved.fy), (camera.fx, camera.fy));
+        let flat = Camera { projection: Projection::Orthographic, ..camera };
+        let flat_moved = flat.transformed(&by);
+        assert_eq!((flat_moved.fx, flat_moved.fy), (flat.fx / 2.5, flat.fy / 2.5));
+    }
+
+    #[test]
     fn similarities_follow_one_another() {
         let a = Similarity { scale: 2.0, ..Similarity::IDENTITY };
         let b = Similarity { translation: DVec3::X, ..Similarity::IDENTITY };

@@ -234,11 +234,11 @@ impl Dataset {
         views.into_iter().step_by(TEST_EVERY).collect()
     }
 
-    /// Lists the factors N of the folders `images_N` of a COLMAP dataset, in ascending order. Downloads often have them
-    /// without `images`.
+    /// Lists the factors N, 2 or more, of the folders `images_N` of a COLMAP dataset, in ascending order. Downloads often
+    /// have them without `images`.
     pub fn reduced_factors(&self) -> Vec<u32> {
         let names = self.around().into_iter().filter_map(|around| around.read_dir().ok()).flatten().flatten();
-        let factor = |name: &str| name.strip_prefix("images_")?.parse().ok();
+        let factor = |name: &str| name.strip_prefix("images_")?.parse().ok().filter(|factor| *factor > 1);
         let mut factors: Vec<u32> = names.filter_map(|entry| factor(entry.file_name().to_str()?)).collect();
         factors.sort_unstable();
         factors.dedup();

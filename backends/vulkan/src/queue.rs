@@ -133,10 +133,11 @@ fn poll(gpu: &VulkanGpu, fence: vk::Fence, limit: Duration) {
 /// Blocks until the fence is signalled, for at most `limit`, without locking the queue. If it was signalled, resets it
 /// and returns true.
 pub(crate) fn wait(gpu: &VulkanGpu, fence: vk::Fence, limit: Duration) -> Result<bool, BackendError> {
-    if !gpu.common.is_cpu {
-        poll(gpu, fence, POLLED.min(limit));
+    let polled = if gpu.common.is_cpu { Duration::ZERO } else { POLLED.min(limit) };
+    if !polled.is_zero() {
+        poll(gpu, fence, polled);
     }
-    let nanoseconds = u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX);
+    let nanoseconds = u64::try_from((limit - polled).as_nanos()).unwrap_or(u64::MAX);
     // SAFETY: the fence is alive, and a submission will signal it.
     match unsafe { gpu.device.wait_for_fences(&[fence], true, nanoseconds) } {
         Ok(()) => {}

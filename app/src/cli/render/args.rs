@@ -234,12 +234,8 @@ pub fn prepare(args: &Args) -> Result<Work> {
             if let Some(destination) = &destination {
                 guard.output("--output", &destination.path(stem))?;
             }
-            for file in args.inspect.iter().filter_map(|request| request.file.as_deref()) {
-                guard.output("--inspect", &per_camera(file, Format::Npy, stem, stems.len()))?;
-            }
-            for (name, file) in args.named() {
-                let format = in_folder(name, args.format);
-                guard.output("--output", &per_camera(file, format, stem, stems.len()))?;
+            for (option, file) in args.files_of(stem, stems.len()) {
+                guard.output(option, &file)?;
             }
         }
         Ok(())
@@ -336,6 +332,21 @@ impl Args {
         let inspected = self.inspect.iter().filter_map(|request| request.file.as_deref());
         let outputs = self.named().map(|(_, file)| ("--output", file));
         inspected.map(|file| ("--inspect", file)).chain(outputs)
+    }
+
+    /// Lists the files of one of `cameras` cameras besides its picture, each with its option.
+    pub(super) fn files_of(
+        &self,
+        stem: &str,
+        cameras: usize,
+    ) -> impl Iterator<Item = (&'static str, PathBuf)> {
+        let inspected = self.inspect.iter().filter_map(|request| request.file.as_deref());
+        let inspected =
+            inspected.map(move |file| ("--inspect", per_camera(file, Format::Npy, stem, cameras)));
+        let outputs = self.named().map(move |(name, file)| {
+            ("--output", per_camera(file, in_folder(name, self.format), stem, cameras))
+        });
+        inspected.chain(outputs)
     }
 
     /// Lists the outputs besides the picture, each with its file.

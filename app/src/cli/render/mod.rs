@@ -30,7 +30,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Manifest::refuse(folder)?;
         let advice = "to draw each scene alone, run the command once for each";
         args.scenes.note_superimposed(advice).iter().for_each(say);
-        let own = work.stems.iter().map(|stem| destination.path(stem)).collect();
+        let count = work.stems.len();
+        let own = work.stems.iter().flat_map(|stem| {
+            let besides = args.files_of(stem, count).map(|(_, file)| file);
+            besides.chain([destination.path(stem)])
+        });
+        let own = own.collect();
         others = output::names::others(folder, &format.to_string(), &own);
     }
     let mut drawer = Drawer::open(args, &work, None)?;

@@ -245,8 +245,8 @@ impl Session {
     }
 
     /// Changes the graph like [`Session::set_graph`], and gives its plans, so that [`Session::prepare`] does not build
-    /// them again, unless outputs are requested or a list grew. They must come from [`Session::plan_of`] with the same
-    /// graph and parameters, of a session with the same device and scene.
+    /// them again, unless outputs are requested, contents are kept or a list grew. They must come from
+    /// [`Session::plan_of`] with the same graph and parameters, of a session with the same device and scene.
     pub fn set_planned(&mut self, pipeline: &str, set: &[(String, String)], built: &Built) {
         self.set_graph(pipeline, set);
         self.built = built.clone();
@@ -452,6 +452,7 @@ impl Session {
         let is_usable = |plan: &&Plan| {
             let planner = &self.planner;
             plan.warnings.is_empty()
+                && planner.share_memory
                 && planner.outputs.is_empty()
                 && planner.capacities == Capacities::default()
         };

@@ -90,7 +90,7 @@ fn reduced_photographs_lie_beside_those_of_full_size_and_not_beside_the_dataset(
     // Downloads often have no `images`.
     let folder = colmap_text(LENS, &image());
     let images = folder.path().canonicalize().unwrap().join("images");
-    for factor in [8, 2] {
+    for factor in [8, 2, 1] {
         std::fs::create_dir(images.with_file_name(format!("images_{factor}"))).unwrap();
     }
     std::fs::remove_dir(&images).unwrap();
