@@ -14,7 +14,7 @@ use crate::schema::{Expose, Graph, Number, ParamDecl, Part, Reference, ResourceN
 use crate::source::{Diagnostic, Kind, Place};
 
 /// The includer refers to an included graph's output by the include's name, a dot, and this name.
-const PICTURE: &str = "picture";
+pub(super) const PICTURE: &str = "picture";
 
 fn hides_the_output(inner: &Level) -> Diagnostic {
     let Graph { imports, resources, .. } = &*inner.graph;

@@ -7,6 +7,7 @@ use std::rc::Rc;
 use super::declared::{Exposed, Known};
 use super::defines::{Constants, capital, defines, option_define};
 use super::document::Opened;
+use super::include::PICTURE;
 use super::lowered::{Lowered, SkippedUse};
 use super::require::{Choices, Chosen};
 use super::reserved::is_macro;
@@ -91,8 +92,11 @@ impl Level {
     pub fn may_have(&self, name: &str) -> bool {
         let Some((include, rest)) = name.split_once('.') else { return self.handles.contains_key(name) };
         let declares = |graph: &Graph| {
-            let Graph { resources, imports, lets, .. } = graph;
-            resources.contains_key(rest) || imports.contains_key(rest) || lets.contains_key(rest)
+            let Graph { resources, imports, lets, params, output, .. } = graph;
+            let is_declared = resources.contains_key(rest) || imports.contains_key(rest);
+            // A constant can hold a resource's name.
+            let is_constant = lets.contains_key(rest) || params.contains_key(rest);
+            is_declared || is_constant || rest == PICTURE && output.is_some()
         };
         let has = |chosen: &Rc<Chosen>| {
             let Opened { graph, others, .. } = &*chosen.opened;

@@ -123,7 +123,7 @@ impl Lowering<'_> {
                     let at = place.field("targets").index(i);
                     let image_at = at.field("image");
                     if !self.attaches(level, &target.when, &at)? {
-                        self.look_up_removed(level, &target.image, &image_at)?;
+                        level.names.traced(|| self.look_up_removed(level, &target.image, &image_at)).0?;
                         continue;
                     }
                     let Some(image) = self.look_up_one(level, &target.image, &image_at)? else {
@@ -139,7 +139,7 @@ impl Lowering<'_> {
                     let at = place.field("depth");
                     let image_at = at.field("image");
                     if !self.attaches(level, &depth.when, &at)? {
-                        self.look_up_removed(level, &depth.image, &image_at)?;
+                        level.names.traced(|| self.look_up_removed(level, &depth.image, &image_at)).0?;
                     } else {
                         let Some(image) = self.look_up_one(level, &depth.image, &image_at)? else {
                             return Ok(());

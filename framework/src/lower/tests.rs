@@ -536,12 +536,15 @@ fn an_output_is_a_result_where_it_is_asked_for_and_elsewhere_leaves_nothing_in_t
 
 #[test]
 fn names_that_a_condition_removes_with_the_pass_are_no_mistake() {
-    let inner = r#"Graph(version: 1, summary: "inner", params: {"deep": Const(Bool(default: false))},
+    let inner = r#"Graph(version: 1, summary: "inner", resources: {"own": Buffer(stride: 4, count: 64)},
+        params: {"deep": Const(Bool(default: false)),
+            "source": Const(Choice(default: "nothing", of: ["nothing", "own"]))},
         let: {"result": "deep ? 'maker.a' : 'none.a'"},
         passes: [Include(graph: "maker", name: "maker", when: "deep", expose: Only(["share"])),
             Include(graph: "maker", name: "none", when: "!deep", expose: Only(["share"]))])"#;
     let narrow = r#"Graph(version: 1, summary: "narrow", resources: {"small": Buffer(stride: 4, count: 64)}, passes: [])"#;
-    let wide = narrow.replace("small", "large");
+    let wide = r#"Graph(version: 1, summary: "wide", resources: {"large": Buffer(stride: 4, count: 64),
+        "image": Image(format: "rgba8", size: (8, 8))}, passes: [], output: "image")"#;
     let choice = r#"Choice(summary: "", of: [(graph: "wide", require: [("device.subgroup_size > 8", "a GPU")]), (graph: "narrow")])"#;
     let bind =
         |bind: &str| dispatch("slow", "copy.comp", bind).replace("shader:", r#"when: "width > 8", shader:"#);
@@ -566,7 +569,7 @@ fn names_that_a_condition_removes_with_the_pass_are_no_mistake() {
             ("maker.ron", MAKER),
             ("inner.ron", inner),
             ("choice.ron", choice),
-            ("wide.ron", &wide),
+            ("wide.ron", wide),
             ("narrow.ron", narrow),
         ];
         try_plan_of(&files, &[])
@@ -574,6 +577,7 @@ fn names_that_a_condition_removes_with_the_pass_are_no_mistake() {
     for fine in [
         r#""In": "m.a""#,
         r#""In": "i.maker.a", "Out": "i.result""#,
+        r#""In": "i.source", "Out": "c.picture""#,
         r#""In": "c.large", "Out": "c.small""#,
         r#""In": "last(old)", "Out": "kept""#,
         r#""In": "width > 8 ? 'front(keys)' : 'a'", "Out": "back(keys)""#,

@@ -157,13 +157,13 @@ pub(super) struct Scan {
     pub line: Option<Range<usize>>,
 }
 
-/// Maximum number of kept scans. If it is reached, all are dropped.
+/// Maximum number of entries in each map of [`Scans`]. A full map is emptied.
 const MAX_KEPT: usize = 1024;
 
 /// A text with its scan, shared by all shaders that include it.
 #[derive(Clone, Debug)]
 pub(super) struct Scanned {
-    /// Number that identifies the text: equal texts have the same, until [`MAX_KEPT`] is reached.
+    /// Number that identifies the text. Equal texts have the same number while fewer than [`MAX_KEPT`] texts are kept.
     pub id: u64,
     pub text: Arc<str>,
     pub scan: Arc<Scan>,
@@ -184,19 +184,22 @@ impl Scans {
         if let Some(scanned) = self.by_file.get(&serial) {
             return scanned.clone();
         }
-        if self.by_text.len().max(self.by_file.len()) >= MAX_KEPT {
-            self.by_text.clear();
-            self.by_file.clear();
-        }
         let scanned = match self.by_text.get(text) {
             Some(scanned) => scanned.clone(),
             None => {
+                if self.by_text.len() >= MAX_KEPT {
+                    self.by_text.clear();
+                }
                 self.next += 1;
                 let scanned = Scanned { id: self.next, text: text.into(), scan: Arc::new(scan(text)) };
                 self.by_text.insert(scanned.text.clone(), scanned.clone());
                 scanned
             }
         };
+        // Each build opens its files anew, so this map fills up much earlier than the other.
+        if self.by_file.len() >= MAX_KEPT {
+            self.by_file.clear();
+        }
         self.by_file.insert(serial, scanned.clone());
         scanned
     }
@@ -347,5 +350,14 @@ mod tests {
         assert_eq!(scan("// hi\n#version 460\n").version, Some((15..18, true)));
         assert_eq!(scan("#version 310 es\n").version, Some((9..12, false)));
         assert_eq!(scan("void main() {}").version, None);
+    }
+
+    #[test]
+    fn a_text_keeps_its_number_over_many_builds() {
+        let mut scans = Scans::default();
+        let first = scans.of(0, "a").id;
+        assert!((1..3 * MAX_KEPT as u64).all(|serial| scans.of(serial, "a").id == first));
+        assert!(scans.by_file.len() <= MAX_KEPT);
+        assert_ne!(scans.of(u64::MAX, "b").id, first);
     }
 }
