@@ -4,8 +4,8 @@ use super::harmonics::{self, Band};
 use super::search::{Best, Budget, Tried, best, combinations, own_share};
 use crate::draw::interleaved::{Effort, Frames};
 use crate::draw::keys::{self, Need};
-use crate::draw::session::{Built, Session};
-use crate::studies::measurement::plans::{self, Planned, to_measure};
+use crate::draw::session::Session;
+use crate::studies::measurement::plans::{self, Planned, Plans, to_measure};
 use crate::studies::measurement::settings::{self, EXACT};
 use crate::studies::measurement::time::FRAMES_DIVISOR;
 use crate::studies::measurement::view::View;
@@ -14,7 +14,7 @@ use crate::studies::trade::measure::{MAX_PENDING, Pending, Row, Sessions};
 use serde::Serialize;
 use splatgraph_assets::{Camera, Report, Scene};
 use splatgraph_framework::lower::Control;
-use std::collections::{HashMap, VecDeque};
+use std::collections::VecDeque;
 use std::sync::mpsc::{self, Receiver};
 use std::thread::{self, Scope};
 
@@ -184,7 +184,7 @@ fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, Strin
 fn measured(
     (session, exact): (&mut Session, &mut Session),
     exact_ms: &mut [Option<f64>],
-    (settings, built): (&[&Setting], &HashMap<String, Built>),
+    (settings, built): (&[&Setting], &Plans),
     (views, effort): (&[View], Effort),
     steps: &mut Steps,
 ) -> Result<Vec<Option<Vec<Row>>>, StudyError> {

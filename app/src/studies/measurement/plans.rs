@@ -21,14 +21,17 @@ pub fn uses_last_frame(plan: &Plan) -> bool {
 /// For a setting, the names of the settings with equal plans, which are not measured.
 pub type SamePlan = BTreeMap<String, BTreeSet<String>>;
 
+/// Plans of settings, by the name of the setting.
+pub type Plans = HashMap<String, Built>;
+
 /// Settings to measure.
 pub struct Planned {
     /// Each setting with the hash of its plans, `None` if one cannot be built.
     pub settings: Vec<(Setting, Option<u64>)>,
     /// The settings that are left out because of equal plans.
     pub same_plan: SamePlan,
-    /// The plans of each setting, by its name. A setting whose plans cannot be built is missing.
-    pub built: HashMap<String, Built>,
+    /// The plans of each setting. A setting whose plans cannot be built is missing.
+    pub built: Plans,
     /// Pipelines of each setting's plan for one picture size, compiled ahead; to keep until the measurements end.
     ///
     /// Empty on CPUs, where compilation would compete with frames for cores.
@@ -61,7 +64,7 @@ pub fn to_measure(
     sizes.dedup();
     let mut steps = Steps::new(listener, "building plans", all.len());
     let ahead = usize::from(!exact.device().info().is_cpu());
-    let (mut planned, mut built) = (Vec::new(), HashMap::new());
+    let (mut planned, mut built) = (Vec::new(), Plans::new());
     let (sender, pipelines) = mpsc::channel();
     let is_cancelled = Arc::new(AtomicBool::new(false));
     rayon::in_place_scope(|scope| -> Result<(), StudyError> {

@@ -4,11 +4,11 @@ use super::ledger::{self, Book, Ledger, Origin};
 use super::measure::{MAX_PENDING, Pending, Sessions};
 use super::pictures::Album;
 use crate::draw::interleaved::{Effort, Frames};
-use crate::draw::session::{Built, Session};
+use crate::draw::session::Session;
 use crate::io::image::Image;
 use crate::io::program;
 use crate::io::report::text::hex;
-use crate::studies::measurement::plans::{Planned, SamePlan, to_measure};
+use crate::studies::measurement::plans::{Planned, Plans, SamePlan, to_measure};
 use crate::studies::measurement::settings;
 use crate::studies::measurement::time::FRAMES_DIVISOR;
 use crate::studies::measurement::view::View;
@@ -19,7 +19,7 @@ use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::Param;
 use splatgraph_framework::lower::Control;
 use splatgraph_reference::PictureMemoryError;
-use std::collections::{BTreeSet, HashMap, HashSet};
+use std::collections::{BTreeSet, HashSet};
 use std::ffi::OsStr;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::panic::resume_unwind;
@@ -72,8 +72,8 @@ pub struct Study {
     /// The settings, each with the hash of its plans, `None` if one cannot be built. The exact settings are first.
     settings: Vec<(Setting, Option<u64>)>,
     same_plan: SamePlan,
-    /// The plans of each setting, by its name.
-    built: HashMap<String, Built>,
+    /// The plans of each setting.
+    built: Plans,
     origin: Origin,
     /// Keeps the settings' pipelines alive, so that they are not created again.
     _pipelines: Vec<Compiled>,
@@ -237,7 +237,7 @@ fn keep(
 fn measure_views<'scope>(
     scope: &'scope Scope<'scope, '_>,
     (exact, session): (&mut Session, &mut Session),
-    (settings, built, all): (&[(Setting, Option<u64>)], &HashMap<String, Built>, usize),
+    (settings, built, all): (&[(Setting, Option<u64>)], &Plans, usize),
     views: &'scope [(View, Effort)],
     (mut ms, have): (Vec<Option<f64>>, &HashSet<(String, String)>),
     (rows, kept): (SyncSender<Measured<'scope>>, Option<Receiver<()>>),
