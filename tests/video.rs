@@ -242,8 +242,8 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
         "video scene.ply -o film.gif",
         &[
             ("--cameras=cameras.json#0", 2, one),
-            ("--orbit=3 --closed", 2, "expected --cameras with --closed, found none"),
-            ("--closed", 2, "expected --cameras with --closed, found none"),
+            ("--orbit=3 --closed", 2, "expected a path through --cameras with --closed"),
+            ("--closed", 2, "expected a path through --cameras with --closed"),
             ("--fps=60", 2, "expected at most 50 frames per second in a .gif, found 60"),
             ("--fps=29.98", 2, "a whole number or a fraction, for instance 30 or 30000/1001"),
         ],

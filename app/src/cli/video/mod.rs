@@ -151,7 +151,8 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     let keys = if args.look.names().is_none() { args.drawing.given_cameras()? } else { None };
     if args.closed && keys.is_none() {
         bail!(Usage(
-            "expected --cameras with --closed, found none; a circle always returns to its start".into()
+            "expected a path through --cameras with --closed, found a circle, which always returns to its start"
+                .into()
         ));
     }
     if let Some(keys) = &keys {
