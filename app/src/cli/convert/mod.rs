@@ -9,7 +9,7 @@ use super::outcome::{Outcome, Usage};
 use super::stdout::Stdout;
 use crate::draw::camera;
 use crate::io::load::LoadOptions;
-use crate::io::output::{OutputGuard, is_standard_output, say};
+use crate::io::output::{OutputGuard, is_standard_output, say, shell_word};
 use crate::io::progress::Progress;
 use crate::io::scene_file::{self, Losses, Original};
 use anyhow::{Result, bail};
@@ -141,9 +141,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
         && output.is_some()
         && let Some(file) = camera::beside(&args.input)
     {
-        let file = file.display();
+        let file = file.display().to_string();
         say(format!(
-            "{file} is not moved: `-c {file} --write-cameras FILE` writes the cameras of the transformed scene"
+            "{file} is not moved: `-c {} --write-cameras FILE` writes the cameras of the transformed scene",
+            shell_word(&file)
         ));
     }
     let loaded = loading::load_scene(&args.input, &args.load)?;
