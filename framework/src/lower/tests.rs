@@ -558,7 +558,7 @@ fn names_that_a_condition_removes_with_the_pass_are_no_mistake() {
             &shown("show"),
         ];
         let graph = graph(WIDTH, &passes.join("\n"))
-            .replace("passes: [", r#"let: {"kept": "width > 8 ? 'last(old)' : 'a'"}, passes: ["#)
+            .replace("passes: [", r#"let: {"kept": "width > 8 ? 'last(old)' : 'nothing'"}, passes: ["#)
             .replacen(
                 "resources: {",
                 r#"resources: {"old": Buffer(stride: 4, count: 64, history: "width > 8"),"#,
