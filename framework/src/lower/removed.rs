@@ -113,10 +113,8 @@ impl Lowering<'_> {
                     self.errors.extend(self.look_up_removed(level, user, at).err());
                 }
                 for (shader, at) in &shaders {
-                    if is_choice(&shader.text)
-                        && let Err(error) = level.names.check(shader, at)
-                    {
-                        self.errors.push(error);
+                    if is_choice(&shader.text) {
+                        self.errors.extend(level.names.check(shader, at).err());
                     } else if let Ok(found) = self.shader(level, shader, at) {
                         self.lowered.removed_shaders.push((level.file, found));
                     }
@@ -174,12 +172,21 @@ impl Lowering<'_> {
                 return Ok(());
             }
         };
-        unknown_port(graph, &chosen.opened.graph, with, place)?;
+        // The condition may ask which graph a choice takes, so another one may have the port or the parameter.
+        let others = &chosen.opened.others;
+        let is_sure = others.is_empty();
+        if is_sure || others.iter().all(|other| unknown_port(graph, &other.graph, with, place).is_err()) {
+            unknown_port(graph, &chosen.opened.graph, with, place)?;
+        }
         for (given, at) in entries(with, &place.field("with")) {
             self.look_up_removed(level, given, &at)?;
         }
         for (name, number) in set {
             let at = place.field("set").field(name);
+            if !is_sure {
+                level.names.check_number(number, &at)?;
+                continue;
+            }
             let Some(declared) = parameters.get(name) else {
                 return Err(parameters.unknown(name, at.key(), "set here"));
             };

@@ -266,8 +266,8 @@ impl Lowering<'_> {
     }
 
     /// Looks up a reference of a removed pass, like [`Self::look_up`]. Only a name that no graph declares is an error:
-    /// the condition that removes the pass may also remove an include, or a history. If a constant holds the name, it
-    /// is no error either: the condition may test the constant, as in `source != 'none'`.
+    /// the condition that removes the pass may also remove an include, or a history. If a constant holds the name, or an
+    /// expression chooses it, it is no error either: the condition may test the same, as in `source != 'none'`.
     pub(super) fn look_up_removed(
         &self,
         level: &Level,
@@ -279,12 +279,11 @@ impl Lowering<'_> {
         }
         let Ok((name, span)) = self.named(level, reference, place) else { return Ok(Vec::new()) };
         let text = &reference.text;
-        let is_constant = reference.choice.is_none()
-            && !level.handles.contains_key(text)
-            && level.names.values.contains_key(text);
+        let is_constant = !level.handles.contains_key(text) && level.names.values.contains_key(text);
+        let is_computed = reference.choice.is_some() || is_constant;
         match self.look_up_name(level, name.as_ref(), place, span) {
             Ok(found) => Ok(found.unwrap_or_default()),
-            Err(_) if is_constant => Ok(Vec::new()),
+            Err(_) if is_computed => Ok(Vec::new()),
             Err(_) if name.is_some_and(|name| level.may_have(&name.name)) => Ok(Vec::new()),
             Err(error) => Err(error),
         }

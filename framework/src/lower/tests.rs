@@ -543,7 +543,8 @@ fn names_that_a_condition_removes_with_the_pass_are_no_mistake() {
         passes: [Include(graph: "maker", name: "maker", when: "deep", expose: Only(["share"])),
             Include(graph: "maker", name: "none", when: "!deep", expose: Only(["share"]))])"#;
     let narrow = r#"Graph(version: 1, summary: "narrow", resources: {"small": Buffer(stride: 4, count: 64)}, passes: [])"#;
-    let wide = r#"Graph(version: 1, summary: "wide", resources: {"large": Buffer(stride: 4, count: 64),
+    let wide = r#"Graph(version: 1, summary: "wide", params: {"extra": Const(Int(default: 1, range: (1, 4)))},
+        resources: {"large": Buffer(stride: 4, count: 64),
         "image": Image(format: "rgba8", size: (8, 8))}, passes: [], output: "image")"#;
     let choice = r#"Choice(summary: "", of: [(graph: "wide", require: [("device.subgroup_size > 8", "a GPU")]), (graph: "narrow")])"#;
     let bind =
@@ -552,7 +553,8 @@ fn names_that_a_condition_removes_with_the_pass_are_no_mistake() {
         let passes = [
             r#"Include(graph: "maker", name: "m", when: "width > 8", expose: Only(["share"])),
                Include(graph: "inner", name: "i", set: {"deep": "width > 8"}, expose: Only(["share"])),
-               Include(graph: "choice", name: "c"),"#,
+               Include(graph: "choice", name: "c"),
+               Include(graph: "choice", name: "d", when: "width > 8", set: {"extra": 2}),"#,
             &make(),
             &bind(bound),
             &shown("show"),
@@ -581,10 +583,11 @@ fn names_that_a_condition_removes_with_the_pass_are_no_mistake() {
         r#""In": "c.large", "Out": "c.small""#,
         r#""In": "last(old)", "Out": "kept""#,
         r#""In": "width > 8 ? 'front(keys)' : 'a'", "Out": "back(keys)""#,
+        r#""In": "width > 8 ? 'b' : 'none'""#,
     ] {
         assert!(result(fine).is_ok(), "{}", result(fine).unwrap_err());
     }
-    for wrong in ["x.a", "c.middle", "i.reslut", "odl", "lsat(old)", "width > 8 ? 'b' : 'bb'"] {
+    for wrong in ["x.a", "c.middle", "i.reslut", "odl", "lsat(old)"] {
         let error = result(&format!(r#""In": "{wrong}""#)).expect_err(wrong);
         assert!(error.contains("resource") && error.contains(r#""In": ""#), "{error}");
     }
