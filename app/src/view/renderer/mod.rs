@@ -531,9 +531,9 @@ impl Renderer {
                 return self.refuse(&built.causes, Failure::Backend(error));
             }
             self.whole = None;
-            // A new plan may draw even though the previous one failed.
-            self.device.recover();
         }
+        // A new plan may draw even though the previous one failed. An equal one is tried again at once, as well.
+        self.device.recover();
         self.drawn_with = built.capacities;
         self.attempts = 0;
         self.redraw |= same_plan;
