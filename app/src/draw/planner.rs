@@ -60,6 +60,8 @@ pub struct Planner {
     compiler: Glslang,
     settings: Settings,
     unsaved: BTreeMap<PathBuf, String>,
+    /// True while images and dispatches may be too large for the device.
+    any_size: bool,
 }
 
 impl Default for Planner {
@@ -87,6 +89,7 @@ impl Planner {
             compiler,
             settings,
             unsaved,
+            any_size: false,
         }
     }
 
@@ -138,13 +141,14 @@ impl Planner {
             self.outputs.iter().for_each(|name| name_graphs_with(name, &mut found));
             GraphErrors::new(&self.files, &found)
         })?;
-        let too_large = splatgraph_runtime::too_large(&plan, &facts.device);
+        let too_large = splatgraph_runtime::too_large(&plan, &facts.device).filter(|_| !self.any_size);
         let error = too_large
             .and_then(|(error, origin)| Some(Diagnostic::new(error.to_string(), self.token_at(origin)?, "")));
         error.map_or(Ok(plan), |error| Err(GraphErrors::new(&self.files, &[error])))
     }
 
-    /// Calls `build` with every output requested that the graph of `plan` offers. `None` if `plan` has them all.
+    /// Calls `build` with every output requested that the graph of `plan` offers. `None` if `plan` has them all. Images
+    /// and dispatches may then be too large for the device: it may have room for some of the outputs.
     ///
     /// # Errors
     /// See `build`. A note says that every output is requested.
@@ -157,8 +161,9 @@ impl Planner {
             return Ok(None);
         }
         let requested = std::mem::replace(&mut self.outputs, plan.offered.clone());
+        self.any_size = true;
         let built = build(self);
-        self.outputs = requested;
+        (self.outputs, self.any_size) = (requested, false);
         let note = format!("with every output requested: {}", plan.offered.join(", "));
         built.map(Some).map_err(|errors| errors.with_note(&note))
     }
