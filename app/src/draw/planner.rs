@@ -60,8 +60,6 @@ pub struct Planner {
     compiler: Glslang,
     settings: Settings,
     unsaved: BTreeMap<PathBuf, String>,
-    /// True while images and dispatches may be too large for the device.
-    any_size: bool,
 }
 
 impl Default for Planner {
@@ -89,7 +87,6 @@ impl Planner {
             compiler,
             settings,
             unsaved,
-            any_size: false,
         }
     }
 
@@ -141,14 +138,13 @@ impl Planner {
             self.outputs.iter().for_each(|name| name_graphs_with(name, &mut found));
             GraphErrors::new(&self.files, &found)
         })?;
-        let too_large = splatgraph_runtime::too_large(&plan, &facts.device).filter(|_| !self.any_size);
+        let too_large = splatgraph_runtime::too_large(&plan, &facts.device);
         let error = too_large
             .and_then(|(error, origin)| Some(Diagnostic::new(error.to_string(), self.token_at(origin)?, "")));
         error.map_or(Ok(plan), |error| Err(GraphErrors::new(&self.files, &[error])))
     }
 
-    /// Calls `build` with every output requested that the graph of `plan` offers. `None` if `plan` has them all. Images
-    /// and dispatches may then be too large for the device: it may have room for some of the outputs.
+    /// Calls `build` with every output requested that the graph of `plan` offers. `None` if `plan` has them all.
     ///
     /// # Errors
     /// See `build`. A note says that every output is requested.
@@ -161,9 +157,8 @@ impl Planner {
             return Ok(None);
         }
         let requested = std::mem::replace(&mut self.outputs, plan.offered.clone());
-        self.any_size = true;
         let built = build(self);
-        (self.outputs, self.any_size) = (requested, false);
+        self.outputs = requested;
         let note = format!("with every output requested: {}", plan.offered.join(", "));
         built.map(Some).map_err(|errors| errors.with_note(&note))
     }

@@ -128,6 +128,26 @@ impl Build {
         })
     }
 
+    /// Builds a graph with every output that `plan`, the result of [`Build::plan`], offers. `None` if `plan` has them all,
+    /// or if the facts are of no device, such as one workgroup, and leave no room for outputs.
+    ///
+    /// # Errors
+    /// See [`Build::plan`].
+    pub fn full_plan(
+        &self,
+        planner: &mut Planner,
+        plan: &Plan,
+        (graph, set): (&str, &[(String, String)]),
+        catalog: &Catalog,
+    ) -> Result<Option<Plan>, GraphErrors> {
+        let full = planner.with_every_output(plan, |planner| self.plan(planner, graph, set, catalog));
+        if self.changed.contains("device.") {
+            Ok(full.unwrap_or_default().flatten())
+        } else {
+            Ok(full?.flatten())
+        }
+    }
+
     /// Adds the graph's name and `what` to its errors, if it is one of several graphs of a choice.
     fn named(&self, errors: GraphErrors, what: &str) -> GraphErrors {
         match &self.name {

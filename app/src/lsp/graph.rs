@@ -236,8 +236,7 @@ impl Workspace {
                 Some(plan) => {
                     checked += 1;
                     warnings.extend(self.learn(path, &plan));
-                    let full = |planner: &mut Planner| build.plan(planner, graph, &[], &catalog);
-                    let full = self.planner.with_every_output(&plan, full)?.flatten();
+                    let full = build.full_plan(&mut self.planner, &plan, (graph, &[]), &catalog)?;
                     warnings.extend(full.iter().flat_map(|full| self.planner.plain_warnings(full)));
                 }
                 None => unchecked.add(&mut self.planner, (graph, &build), &cases[0], &catalog),

@@ -280,14 +280,14 @@ fn check(
             checked.lines.add(&lanes, line);
             continue;
         };
-        let full = planner.with_every_output(&plan, |planner| undrawn.plan(planner, graph, set, &catalog))?;
+        let full = undrawn.full_plan(planner, &plan, (graph, set), &catalog)?;
         let who = match undrawn.changed.is_empty() {
             true => who,
             false => format!("{who} with {}", undrawn.changed),
         };
         let found = checked.plan(planner, plan, &lanes, warn).and_then(|line| {
             checked.lines.add(&lanes, format!("{who}: {line}"));
-            let Some(full) = full.flatten() else { return Ok(()) };
+            let Some(full) = full else { return Ok(()) };
             let line = checked.verified(planner, full, &lanes, warn)?;
             checked.lines.add(&lanes, format!("{who}, with every output: {line}"));
             Ok(())
