@@ -129,7 +129,7 @@ impl Build {
     }
 
     /// Builds a graph with every output that `plan`, the result of [`Build::plan`], offers. `None` if `plan` has them all,
-    /// or if the facts are of no device, such as one workgroup, and leave no room for outputs.
+    /// or if they do not fit a limit that was changed, such as one workgroup, which no device has.
     ///
     /// # Errors
     /// See [`Build::plan`].
@@ -141,7 +141,7 @@ impl Build {
         catalog: &Catalog,
     ) -> Result<Option<Plan>, GraphErrors> {
         let full = planner.with_every_output(plan, |planner| self.plan(planner, graph, set, catalog));
-        if self.changed.contains("device.") {
+        if self.changed.contains("device.max_") {
             Ok(full.unwrap_or_default().flatten())
         } else {
             Ok(full?.flatten())
