@@ -6,15 +6,12 @@ use std::collections::BTreeMap;
 use super::declared;
 use super::document::{MAX_DEPTH, Opened};
 use super::lowered::LoweredInclude;
-use super::lowering::{Handle, Level, Lowering, Scope};
+use super::lowering::{Handle, Level, Lowering, PICTURE, Scope};
 use super::params;
 use super::scope::{Names, check_identifier};
 use crate::ir::{Param, ParamSet, Span, Value};
 use crate::schema::{Expose, Graph, Number, ParamDecl, Part, Reference, ResourceName, is_choice};
 use crate::source::{Diagnostic, Kind, Place};
-
-/// The includer refers to an included graph's output by the include's name, a dot, and this name.
-pub(super) const PICTURE: &str = "picture";
 
 fn hides_the_output(inner: &Level) -> Diagnostic {
     let Graph { imports, resources, .. } = &*inner.graph;

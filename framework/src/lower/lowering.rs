@@ -7,7 +7,6 @@ use std::rc::Rc;
 use super::declared::{Exposed, Known};
 use super::defines::{Constants, capital, defines, option_define};
 use super::document::Opened;
-use super::include::PICTURE;
 use super::lowered::{Lowered, SkippedUse};
 use super::require::{Choices, Chosen};
 use super::reserved::is_macro;
@@ -16,6 +15,9 @@ use crate::expr::name_unknown_in;
 use crate::ir::{Domain, EXPORT, FileId, HOST, Param, ParamSet, Request, ResourceId, Span};
 use crate::schema::{Expression, Graph, Number};
 use crate::source::{Diagnostic, Place, SourceMap};
+
+/// The includer refers to an included graph's output by the include's name, a dot, and this name.
+pub(super) const PICTURE: &str = "picture";
 
 /// Maximum number of passes after repeats, so that a typing error cannot exhaust memory.
 pub(super) const MAX_PASSES: usize = 20_000;
