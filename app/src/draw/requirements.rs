@@ -296,13 +296,11 @@ impl Case {
             ("mesh.possible", Value::Bool(possible)) => scene.mesh_possible = *possible,
             ("scene.wide", Value::Bool(wide)) => scene.wide = *wide,
             ("scene.low_pass", Value::Text(text)) => {
-                let Some(filter) = Filter::ALL.into_iter().find(|filter| filter.name() == text) else {
-                    return false;
-                };
+                let Some(filter) = Filter::named(text) else { return false };
                 scene.low_pass = filter;
             }
             ("scene.key_of", Value::Text(text)) => {
-                let Some(key) = SortKey::ALL.into_iter().find(|key| key.name() == text) else { return false };
+                let Some(key) = SortKey::named(text) else { return false };
                 scene.key_of = key;
             }
             // Not changed: values out of range, and `scene.stored_sh_degree`, on which the strides of the imports

@@ -29,6 +29,11 @@ impl Filter {
             Self::Mip => "mip",
         }
     }
+
+    /// Finds the filter with a [name](Filter::name); `None` if none has it.
+    pub fn named(name: &str) -> Option<Filter> {
+        Filter::ALL.into_iter().find(|filter| filter.name() == name)
+    }
 }
 
 /// The quantity that splats are sorted by.
@@ -52,6 +57,11 @@ impl SortKey {
             Self::Depth => "depth",
             Self::Distance => "distance",
         }
+    }
+
+    /// Finds the quantity with a [name](SortKey::name); `None` if none has it.
+    pub fn named(name: &str) -> Option<SortKey> {
+        SortKey::ALL.into_iter().find(|key| key.name() == name)
     }
 }
 

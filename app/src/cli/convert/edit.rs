@@ -84,13 +84,10 @@ fn numbers<'a>(text: &'a str, kinds: &[(&str, usize, &str)]) -> Result<(&'a str,
 }
 
 fn tag(text: &str) -> Result<Tag, String> {
-    let filter = |name: &str| {
-        [Filter::Dilated, Filter::Compensated, Filter::Mip].into_iter().find(|filter| filter.name() == name)
-    };
     match text.split_once('=') {
         Some(("low_pass", name)) => {
             let expected = "expected low_pass=dilated, low_pass=compensated or low_pass=mip";
-            filter(name).map(Tag::LowPass).ok_or_else(|| expected.into())
+            Filter::named(name).map(Tag::LowPass).ok_or_else(|| expected.into())
         }
         Some(("up", up)) => Ok(Tag::Up(DVec3::from(direction(up)?).normalize().into())),
         _ => Err("expected low_pass=compensated or up=z, for instance".into()),
