@@ -251,7 +251,8 @@ fn check(
             return Ok(Verdict::Lacking(line));
         }
         let full = planner.with_every_output(&plan, |planner| planner.plan(graph, set, &facts, &catalog))?;
-        let line = match checked.plan(planner, plan, &device.name, warn) {
+        checked.note_idle(&plan, &device.name);
+        let line = match checked.verified(planner, plan, &device.name, warn) {
             Ok(line) => line,
             Err(violations) => return Ok(Verdict::Wrong(violations)),
         };
@@ -285,7 +286,8 @@ fn check(
             true => who,
             false => format!("{who} with {}", undrawn.changed),
         };
-        let found = checked.plan(planner, plan, &lanes, warn).and_then(|line| {
+        checked.note_idle(&plan, &lanes);
+        let found = checked.verified(planner, plan, &lanes, warn).and_then(|line| {
             checked.lines.add(&lanes, format!("{who}: {line}"));
             let Some(full) = full else { return Ok(()) };
             let line = checked.verified(planner, full, &lanes, warn)?;
@@ -344,18 +346,11 @@ struct Checked<'a> {
 }
 
 impl Checked<'_> {
-    /// Verifies a plan like [`Self::verified`], and notes the settings without an effect.
-    fn plan(
-        &mut self,
-        planner: &Planner,
-        plan: Plan,
-        lanes: &str,
-        warn: &mut dyn FnMut(Warning),
-    ) -> Result<String, String> {
-        for (_, text) in without_effect(&plan, self.set) {
+    /// Notes the settings without an effect in a plan.
+    fn note_idle(&mut self, plan: &Plan, lanes: &str) {
+        for (_, text) in without_effect(plan, self.set) {
             self.idle.add(lanes, text);
         }
-        self.verified(planner, plan, lanes, warn)
     }
 
     /// Verifies a plan for subgroups of `lanes`, unless an equal plan was verified. Returns its summary, or the

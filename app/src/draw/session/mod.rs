@@ -125,7 +125,7 @@ pub struct Session {
     /// Settings without an effect that were reported.
     told_settings: BTreeSet<String>,
     loaded: Option<(Arc<Plan>, (u32, u32))>,
-    /// Plans of the current graph, settings, scene and outputs; empty if none were given.
+    /// Plans of the current graph, settings and scene; empty if none were given. See [`Session::set_planned`].
     built: Built,
     frame: u32,
     /// Frames in flight of plans whose lists can grow, in the order of submission, with the inputs to repeat them.
@@ -211,7 +211,6 @@ impl Session {
 
     /// Gives every resource of later plans its own memory, so that its contents can be read after any pass.
     pub fn keep_contents(&mut self) {
-        self.built = Built::default();
         self.planner.share_memory = false;
     }
 
@@ -222,7 +221,6 @@ impl Session {
     pub fn set_outputs(&mut self, names: &[String]) {
         if self.planner.outputs != names {
             self.planner.outputs = names.to_vec();
-            self.built = Built::default();
             self.forget_plan();
         }
     }
@@ -239,7 +237,6 @@ impl Session {
     pub fn set_graph(&mut self, pipeline: &str, set: &[(String, String)]) {
         self.pipeline = pipeline.to_owned();
         self.set = set.to_vec();
-        self.built = Built::default();
         self.forget_plan();
         self.planner.capacities = Capacities::default();
     }
@@ -272,13 +269,13 @@ impl Session {
     /// Discards the plan and frames in flight, and resets growing parameters to their defaults.
     pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) {
         self.scene = scene.into();
-        self.built = Built::default();
         self.forget_plan();
         self.planner.capacities = Capacities::default();
     }
 
     fn forget_plan(&mut self) {
         self.loaded = None;
+        self.built = Built::default();
         self.flying.clear();
     }
 

@@ -40,7 +40,7 @@ pub struct Wanted {
     pub frames: Frames,
     /// True pictures, one per camera, with the name of their source; `None` for the exact renderer's.
     pub truths: Option<(String, Vec<Image>)>,
-    /// How the device was opened, such as with validation; part of [`Origin::opened`].
+    /// Options with which the device was opened, such as validation; part of [`Origin::opened`].
     pub opened: String,
     /// The file of the ledger, from which an interrupted study resumes, with the pictures' folder next to it.
     ///
