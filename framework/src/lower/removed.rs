@@ -138,8 +138,8 @@ impl Lowering<'_> {
             if !self.count(1, &at) {
                 break;
             }
-            if let Some((when, at)) = pass.when().zip(Some(at.field("when"))) {
-                self.errors.extend(level.names.check_number(when, &at).err());
+            if let Some(when) = pass.when() {
+                self.errors.extend(level.names.check_number(when, &at.field("when")).err());
             }
             self.check_removed(level, pass, &at);
             if let PassDecl::Include { name, .. } = pass {
@@ -174,8 +174,7 @@ impl Lowering<'_> {
         };
         // The condition may ask which graph a choice takes, so another one may have the port or the parameter.
         let others = &chosen.opened.others;
-        let is_sure = others.is_empty();
-        if is_sure || others.iter().all(|other| unknown_port(graph, &other.graph, with, place).is_err()) {
+        if others.iter().all(|other| unknown_port(graph, &other.graph, with, place).is_err()) {
             unknown_port(graph, &chosen.opened.graph, with, place)?;
         }
         for (given, at) in entries(with, &place.field("with")) {
@@ -183,7 +182,7 @@ impl Lowering<'_> {
         }
         for (name, number) in set {
             let at = place.field("set").field(name);
-            if !is_sure {
+            if !others.is_empty() {
                 level.names.check_number(number, &at)?;
                 continue;
             }

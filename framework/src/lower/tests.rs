@@ -1,6 +1,6 @@
 //! Tests the constructs that lowering resolves. Diagnostics are tested in `tests/golden`.
 
-use crate::ir::{Request, Shape, Source, Value, Work};
+use crate::ir::{Facts, Request, Shape, Source, Value, Work};
 use crate::source::{Library, SourceMap};
 use crate::testing::{ListCompiler, dispatch, graph, plan, plan_of, plan_with_capacities, try_plan_of};
 
@@ -390,16 +390,27 @@ fn asked<T>(
     outputs: &[&str],
     question: impl FnOnce(&Request, &mut SourceMap) -> T,
 ) -> T {
+    let mut facts = crate::testing::facts();
+    facts.host.extend(outputs.iter().map(|name| (format!("outputs.{name}"), Value::Bool(true))));
+    asked_of(&facts, files, set, question)
+}
+
+/// Calls `question` as [`asked`] does, with other facts.
+fn asked_of<T>(
+    facts: &Facts,
+    files: &[(&str, &str)],
+    set: &[(&str, &str)],
+    question: impl FnOnce(&Request, &mut SourceMap) -> T,
+) -> T {
     let memory = files.iter().map(|(path, text)| (path.to_string(), text.to_string())).collect();
     let mut files = SourceMap::new(Library { memory, ..Library::default() });
-    let (mut facts, catalog) = (crate::testing::facts(), crate::testing::catalog());
-    facts.host.extend(outputs.iter().map(|name| (format!("outputs.{name}"), Value::Bool(true))));
+    let catalog = crate::testing::catalog();
     let set: Vec<_> = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
     let request = Request {
         graph: "graph.ron",
         set: &set,
         capacities: &[],
-        facts: &facts,
+        facts,
         catalog: &catalog,
         share_memory: true,
     };
@@ -605,19 +616,9 @@ fn a_text_that_a_fact_never_is_is_an_error() {
     let mut facts = crate::testing::facts();
     facts.host.insert("scene.key_of".into(), Value::Text("depth".into()));
     facts.texts.insert("scene.key_of".into(), vec!["depth".into(), "distance".into()]);
-    let catalog = crate::testing::catalog();
     let lowered = |text: &str| {
-        let memory = [("graph.ron".to_string(), graph(text))].into();
-        let mut files = SourceMap::new(Library { memory, ..Library::default() });
-        let request = Request {
-            graph: "graph.ron",
-            set: &[],
-            capacities: &[],
-            facts: &facts,
-            catalog: &catalog,
-            share_memory: true,
-        };
-        super::lower(&request, &mut files).map_err(|errors| errors[0].primary.text.clone())
+        asked_of(&facts, &[("graph.ron", &graph(text))], &[], super::lower)
+            .map_err(|errors| errors[0].primary.text.clone())
     };
     assert!(lowered("distance").is_ok());
     assert_eq!(lowered("depht").map(drop), Err("expected `depth` or `distance`, found `depht`".into()));
