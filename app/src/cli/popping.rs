@@ -128,7 +128,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         options::write_json(file, &all)?;
     }
     if let Some(folder) = &args.output {
-        output::write_bytes(&folder.join(CSV), origin.stamp(&report::csv(&tracks)).as_bytes())?;
+        output::write_bytes(&folder.join(CSV), report::csv(&tracks, &origin).as_bytes())?;
         options::write_plot(&report::plot(&tracks), folder, PLOT)?;
     }
     Ok(super::outcome::validated(args.device.validate, &subject.device.close()))

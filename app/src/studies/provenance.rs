@@ -65,9 +65,9 @@ impl Provenance {
         )
     }
 
-    /// Adds the columns `device` and `program` to a CSV.
-    pub fn stamp(&self, csv: &str) -> String {
-        text::with_columns(csv, &[("device", &self.device), ("program", &self.version)])
+    /// Formats a CSV with the columns `device` and `program`.
+    pub fn csv(&self, header: &str, lines: impl IntoIterator<Item = String>) -> String {
+        text::csv(header, lines, &[("device", &self.device), ("program", &self.version)])
     }
 
     /// Returns the warning about times of phases; `None` on a GPU.

@@ -51,23 +51,13 @@ pub fn quoted(cell: &str) -> String {
     format!("\"{}\"", cell.replace('"', "\"\""))
 }
 
-/// Adds columns to a CSV: the names to its header, and the values, quoted, to each other line.
-///
-/// Every line must end with a line break.
-pub fn with_columns(csv: &str, columns: &[(&str, &str)]) -> String {
-    let header: String = columns.iter().map(|(name, _)| format!(",{name}")).collect();
-    let cells: String = columns.iter().map(|(_, value)| format!(",{}", quoted(value))).collect();
-    let (mut text, mut in_header, mut in_quotes) = (String::new(), true, false);
-    for character in csv.chars() {
-        in_quotes ^= character == '"';
-        // A line break in a quoted cell does not end the line.
-        if character == '\n' && !in_quotes {
-            text += if in_header { &header } else { &cells };
-            in_header = false;
-        }
-        text.push(character);
-    }
-    text
+/// Formats a CSV (RFC 4180) from its header and its lines, which have no line breaks at their ends. `more` are columns that
+/// each line gets: their names in the header, and their values, quoted, in the others.
+pub fn csv(header: &str, lines: impl IntoIterator<Item = String>, more: &[(&str, &str)]) -> String {
+    let names: String = more.iter().map(|(name, _)| format!(",{name}")).collect();
+    let values: String = more.iter().map(|(_, value)| format!(",{}", quoted(value))).collect();
+    let lines = lines.into_iter().map(|line| format!("{line}{values}\n"));
+    iter::once(format!("{header}{names}\n")).chain(lines).collect()
 }
 
 #[cfg(test)]
@@ -81,9 +71,9 @@ mod tests {
     }
 
     #[test]
-    fn columns_are_added_to_lines_and_not_within_a_cell() {
-        let csv = "name,ms\n\"a \"\"b\nc\",1\n\"d\",2\n";
-        let found = with_columns(csv, &[("device", "x \"y\""), ("program", "1")]);
+    fn columns_are_added_to_each_line_of_a_csv() {
+        let lines = ["\"a \"\"b\nc\",1".to_owned(), "\"d\",2".to_owned()];
+        let found = csv("name,ms", lines, &[("device", "x \"y\""), ("program", "1")]);
         let end = ",\"x \"\"y\"\"\",\"1\"\n";
         assert_eq!(found, format!("name,ms,device,program\n\"a \"\"b\nc\",1{end}\"d\",2{end}"));
     }

@@ -4,7 +4,7 @@ use super::limit::CopyLimit;
 use super::measure::{Figures, Found, Outcome, Part};
 use crate::draw::interleaved::{Figure, Frames};
 use crate::io::program;
-use crate::io::report::text::{optional, quoted, with_columns};
+use crate::io::report::text::{self, optional, quoted};
 use indexmap::IndexSet;
 use serde::Serialize;
 use splatgraph_api::DeviceInfo;
@@ -36,10 +36,10 @@ pub struct Origin {
 }
 
 impl Origin {
-    /// Adds the columns `device` and `program` to a CSV.
-    pub fn stamp(&self, csv: &str) -> String {
+    /// Formats a CSV with the columns `device` and `program`.
+    pub fn csv(&self, header: &str, lines: impl IntoIterator<Item = String>) -> String {
         let device = format!("{} ({})", self.device, self.driver);
-        with_columns(csv, &[("device", &device), ("program", &self.program)])
+        text::csv(header, lines, &[("device", &device), ("program", &self.program)])
     }
 
     /// Creates the origin of a run on a device.
@@ -134,9 +134,9 @@ impl Report {
     ///
     /// Times without a camera are means of the cameras' medians; those of kind `once` are single times.
     pub fn csv(&self) -> String {
-        let mut text = String::from(
-            "scene,splats,width,height,pipeline,camera,kind,name,median_ms,spread_ms,bytes,gb_per_s,of_copy\n",
-        );
+        let header =
+            "scene,splats,width,height,pipeline,camera,kind,name,median_ms,spread_ms,bytes,gb_per_s,of_copy";
+        let mut all = Vec::new();
         for row in &self.rows {
             let start = |size: Option<(u32, u32)>, camera: &str| {
                 let (width, height) =
@@ -147,25 +147,22 @@ impl Report {
             match &row.found {
                 Ok(found) => {
                     for view in &found.views {
-                        lines(
-                            &mut text,
-                            &start(Some((view.width, view.height)), &view.camera),
-                            &view.figures,
-                        );
+                        let start = start(Some((view.width, view.height)), &view.camera);
+                        all.extend(lines(&start, &view.figures));
                     }
                     let mean = start(row.size, "");
-                    lines(&mut text, &mean, &found.mean);
+                    all.extend(lines(&mean, &found.mean));
                     for (name, bytes) in found.memory.iter().map(|size| (&size.name, size.bytes)) {
-                        text += &format!("{mean},memory,{},,,{bytes},,\n", quoted(name));
+                        all.push(format!("{mean},memory,{},,,{bytes},,", quoted(name)));
                     }
-                    found.once.iter().for_each(|part| part_line(&mut text, &mean, "once", part));
+                    all.extend(found.once.iter().map(|part| part_line(&mean, "once", part)));
                 }
                 Err(why) => {
-                    text += &format!("{},failed,{},,,,,\n", start(row.size, ""), quoted(first_line(why)))
+                    all.push(format!("{},failed,{},,,,,", start(row.size, ""), quoted(first_line(why))));
                 }
             }
         }
-        self.origin.stamp(&text)
+        self.origin.csv(header, all)
     }
 
     /// Shortens the path of a scene to a name that no other scene of the run has; see [`scene_names`].
@@ -189,26 +186,28 @@ pub(super) fn first_line(why: &str) -> &str {
     line.strip_prefix("error: ").unwrap_or(line)
 }
 
-fn lines(text: &mut String, start: &str, figures: &Figures) {
-    for (name, figure) in [
+fn lines(start: &str, figures: &Figures) -> Vec<String> {
+    let frame = [
         ("gpu", figures.gpu_ms),
         ("between", figures.between_ms),
         ("submit", figures.submit_ms),
         ("record", figures.record_ms),
         ("wall", figures.wall_ms),
-    ] {
+    ];
+    let frame = frame.into_iter().map(|(name, figure)| {
         let [median, spread] = times(figure);
-        *text += &format!("{start},frame,{name},{median},{spread},,,\n");
-    }
-    figures.phases.iter().for_each(|part| part_line(text, start, "phase", part));
-    figures.passes.iter().for_each(|part| part_line(text, start, "pass", part));
+        format!("{start},frame,{name},{median},{spread},,,")
+    });
+    let phases = figures.phases.iter().map(|part| part_line(start, "phase", part));
+    let passes = figures.passes.iter().map(|part| part_line(start, "pass", part));
+    frame.chain(phases).chain(passes).collect()
 }
 
-fn part_line(text: &mut String, start: &str, kind: &str, part: &Part) {
+fn part_line(start: &str, kind: &str, part: &Part) -> String {
     let [median, spread] = times(part.gpu_ms);
     let (name, bytes) = (quoted(&part.name), part.bytes);
     let [rate, share] = [part.gb_per_s, part.of_copy].map(optional);
-    *text += &format!("{start},{kind},{name},{median},{spread},{bytes},{rate},{share}\n");
+    format!("{start},{kind},{name},{median},{spread},{bytes},{rate},{share}")
 }
 
 fn times(figure: Option<Figure>) -> [String; 2] {

@@ -3,6 +3,7 @@
 use super::measure::Track;
 use crate::io::report::plot::{Axis, Plot, Series};
 use crate::io::report::text;
+use crate::studies::provenance::Provenance;
 use serde::Serialize;
 use splatgraph_reference::metrics::WorstPixel;
 
@@ -108,12 +109,10 @@ fn shown_degrees(degrees: f64) -> String {
 }
 
 /// Formats every step of every variant as CSV (RFC 4180), with all digits; missing values are empty.
-pub fn csv(tracks: &[Track]) -> String {
-    let mut csv = String::from(
-        "variant,step,camera,degrees,pop,excess,worst,worst_x,worst_y,change,true_change,order_changes,true_order_changes\n",
-    );
-    for track in tracks {
-        for (at, step) in track.steps.iter().enumerate() {
+pub fn csv(tracks: &[Track], provenance: &Provenance) -> String {
+    let header = "variant,step,camera,degrees,pop,excess,worst,worst_x,worst_y,change,true_change,order_changes,true_order_changes";
+    let lines = tracks.iter().flat_map(|track| {
+        track.steps.iter().enumerate().map(|(at, step)| {
             let cells = [
                 text::quoted(&track.variant.name),
                 (at + 1).to_string(),
@@ -129,10 +128,10 @@ pub fn csv(tracks: &[Track]) -> String {
                 text::optional(step.order_changes),
                 text::optional(step.true_order_changes),
             ];
-            csv += &(cells.join(",") + "\n");
-        }
-    }
-    csv
+            cells.join(",")
+        })
+    });
+    provenance.csv(header, lines)
 }
 
 /// Plots the pop of each step. Variants with equal pops share a line, labelled with all of their names.
@@ -165,6 +164,7 @@ mod tests {
     use super::super::score::Score;
     use super::*;
     use crate::studies::study::Setting;
+    use crate::studies::trade::ledger::testing::origin;
 
     fn track() -> Track {
         let step = |camera: &str, pop: f64, changes: Option<u64>| Step {
@@ -207,7 +207,7 @@ mod tests {
         assert!(lines.len() == 2 && width(lines[0]) == width(lines[1]), "{text}");
         assert!(lines[1].contains(" 0.25°  2.000e-1  8.000e-1 "), "{text}");
         assert_eq!(["0.25", "0", "12"].map(String::from), [0.25, 0.0, 12.0].map(shown_degrees));
-        let text = csv(&[track()]);
+        let text = csv(&[track()], &origin().provenance);
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 3, "{text}");
         assert!(lines[2].starts_with("\"a \"\"b\"\"\",2,\"y\",0.25,0.3,0.15,0.6,3,4,0.5,0.25,4,2"), "{text}");

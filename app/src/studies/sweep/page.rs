@@ -243,14 +243,11 @@ impl SweepResult {
     /// Formats every step of every view as CSV (RFC 4180); missing values are empty, and an infinite PSNR is `inf`.
     pub fn csv(&self) -> String {
         let phases = self.phases();
-        let mut text = String::from(
+        let mut header = String::from(
             "choice,camera,splats,visible,drawn,psnr_db,ssim,flip,worst,gpu_bytes,gpu_ms,spread_ms,of_all,of_all_low,of_all_high",
         );
-        for phase in &phases {
-            text += &format!(",{phase}_ms");
-        }
-        text += "\n";
-        for step in &self.steps {
+        phases.iter().for_each(|phase| header += &format!(",{phase}_ms"));
+        let line = |step: &Step| {
             let Error { psnr_db, ssim, flip, worst, .. } = &step.error;
             let time = step.time.as_ref();
             let mut cells = vec![
@@ -272,9 +269,9 @@ impl SweepResult {
             ];
             let phase = |name: &&String| text::optional(time.and_then(|t| t.phases.get(*name)));
             cells.extend(phases.iter().map(phase));
-            text += &(cells.join(",") + "\n");
-        }
-        self.origin.provenance.stamp(&text)
+            cells.join(",")
+        };
+        self.origin.provenance.csv(&header, self.steps.iter().map(line))
     }
 
     /// Makes the page as HTML, with pictures of the first view.

@@ -6,6 +6,7 @@ use crate::io::report::text;
 use crate::studies::measurement::noise::{MIN_SAVING, MIN_TURNS, Mark};
 use crate::studies::measurement::settings::EXACT;
 use crate::studies::measurement::view::MEASURED_FRAME;
+use crate::studies::provenance::Provenance;
 
 /// Titles of the table's columns, each with its meaning.
 pub(super) const COLUMNS: [(&str, &str); 13] = [
@@ -136,14 +137,13 @@ pub fn table(lines: &[Line]) -> String {
 }
 
 /// Formats lines as CSV (RFC 4180), with all digits; missing values are empty, and an infinite PSNR is `inf`.
-pub fn csv(lines: &[Line]) -> String {
-    let mut text = String::from(
+pub fn csv(lines: &[Line], provenance: &Provenance) -> String {
+    let mut header = String::from(
         "setting,gpu_ms,spread_ms,of_exact,of_exact_low,of_exact_high,psnr_db,covered_psnr_db,ssim,flip,worst,off,inversions,gpu_bytes,pareto,same_plan",
     );
     let phases = phase_names(lines);
-    phases.iter().for_each(|name| text += &format!(",{name}_ms,{name}_spread_ms"));
-    text += "\n";
-    for line in lines {
+    phases.iter().for_each(|name| header += &format!(",{name}_ms,{name}_spread_ms"));
+    let line = |line: &Line| {
         let range = line.share.and_then(|share| share.range);
         let mut cells = vec![
             text::quoted(&line.setting),
@@ -173,14 +173,14 @@ pub fn csv(lines: &[Line]) -> String {
             cells.push(text::optional(phase.map(|(_, ms, _)| *ms)));
             cells.push(text::optional(phase.and_then(|(.., spread)| *spread)));
         }
-        text += &(cells.join(",") + "\n");
-    }
-    text
+        cells.join(",")
+    };
+    provenance.csv(&header, lines.iter().map(line))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::ledger::testing::line;
+    use super::super::ledger::testing::{line, origin};
     use super::*;
     use crate::studies::measurement::noise::Share;
 
@@ -216,9 +216,12 @@ mod tests {
         assert_eq!(super::notes(&lines[..1]), [""; 0]);
         let rests = [Line { busy: Some(0.25), ..lines[0].clone() }];
         assert!(super::notes(&rests)[0].starts_with("the device is idle for 75 % of the time"));
-        let csv = csv(&lines);
+        let csv = csv(&lines, &origin().provenance);
         assert_eq!(csv.lines().count(), 5);
-        assert!(csv.starts_with("setting,gpu_ms") && csv.contains(",draw_ms,draw_spread_ms\n"), "{csv}");
+        assert!(
+            csv.starts_with("setting,gpu_ms") && csv.contains(",draw_ms,draw_spread_ms,device,program\n"),
+            "{csv}"
+        );
         assert!(csv.contains(",\"not judged\",\"other\",") && csv.contains(",0.25,0.24,0.26,40,"), "{csv}");
     }
 

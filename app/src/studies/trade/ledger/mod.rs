@@ -444,7 +444,7 @@ fn mark(lines: &mut [Line]) {
 }
 
 #[cfg(test)]
-pub(super) mod testing {
+pub(crate) mod testing {
     use super::*;
     use crate::studies::measurement::error::Error;
     use splatgraph_assets::Camera;
