@@ -1,10 +1,11 @@
 //! Measures the time of a frame as a share of a baseline's time. Frames of both are drawn interleaved.
 
+use super::error::mean;
 use super::noise::{self, Share};
 use crate::draw::interleaved::{self, Effort, Figure, Rounds, Timestamps, WARM_UP};
 use crate::draw::session::{Session, SessionError};
 use crate::draw::stats::median;
-use indexmap::IndexMap;
+use indexmap::{IndexMap, IndexSet};
 use serde::{Deserialize, Serialize};
 use splatgraph_assets::Camera;
 use splatgraph_framework::plan::Plan;
@@ -182,6 +183,18 @@ fn time(
         phases: phases().map(|(name, figure)| (name, scale * figure.median)).collect(),
         phase_spreads: phases().map(|(name, figure)| (name, figure.spread.map(|ms| scale * ms))).collect(),
     })
+}
+
+/// Lists the phases of several views: name, mean milliseconds over the views, and largest spread over the views, `None`
+/// with one round.
+pub fn phases(times: &[&Time]) -> Vec<(String, f64, Option<f64>)> {
+    let names: IndexSet<&String> = times.iter().flat_map(|time| time.phases.keys()).collect();
+    let of = |name: &String| {
+        let ms = mean(times.iter().map(|time| time.phases.get(name).copied().unwrap_or(0.0)));
+        let spreads = times.iter().filter_map(|time| time.phase_spreads.get(name).copied().flatten());
+        (name.clone(), ms, spreads.reduce(f64::max))
+    };
+    names.into_iter().map(of).collect()
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use crate::io::report::page::{Figure, Page};
 use crate::io::report::plot::{Axis, Form, Plot, Point, Series};
 use crate::io::report::text;
 use crate::studies::measurement::error::{Error, joint_psnr, mean};
-use crate::studies::measurement::time::Time;
+use crate::studies::measurement::time::{Time, phases};
 use crate::studies::provenance::Provenance;
 use crate::studies::study::StudyError;
 use indexmap::IndexSet;
@@ -67,7 +67,8 @@ struct Mean {
     count: u32,
     psnr_db: f64,
     gpu_ms: Option<f64>,
-    phases: Vec<(String, f64)>,
+    /// See [`phases`].
+    phases: Vec<(String, f64, Option<f64>)>,
 }
 
 impl SweepResult {
@@ -89,16 +90,10 @@ impl SweepResult {
         let of_count = |count: u32| {
             let steps: Vec<&Step> = self.steps.iter().filter(of).filter(|step| step.count == count).collect();
             let times: Option<Vec<_>> = steps.iter().map(|step| step.time.as_ref()).collect();
-            let names: IndexSet<&String> =
-                times.iter().flatten().flat_map(|time| time.phases.keys()).collect();
-            let phase = |name: &String| {
-                let ms = times.iter().flatten().map(|time| time.phases.get(name).copied().unwrap_or(0.0));
-                (name.clone(), mean(ms))
-            };
             Mean {
                 count,
                 psnr_db: joint_psnr(steps.iter().map(|step| step.error.psnr_db)),
-                phases: names.into_iter().map(phase).collect(),
+                phases: phases(times.as_deref().unwrap_or_default()),
                 gpu_ms: times.map(|times| mean(times.iter().map(|time| time.gpu_ms))),
             }
         };
@@ -136,11 +131,11 @@ impl SweepResult {
     pub fn shares(&self) -> Plot {
         let means = self.means(Choice::FileOrder);
         let names: IndexSet<&String> =
-            means.iter().flat_map(|mean| mean.phases.iter().map(|(name, _)| name)).collect();
+            means.iter().flat_map(|mean| mean.phases.iter().map(|(name, ..)| name)).collect();
         let series = |name: &String| {
             let share = |mean: &Mean| {
-                let of = mean.phases.iter().map(|(_, ms)| ms).sum::<f64>();
-                let (_, ms) = mean.phases.iter().find(|(own, _)| own == name)?;
+                let of = mean.phases.iter().map(|(_, ms, _)| ms).sum::<f64>();
+                let (_, ms, _) = mean.phases.iter().find(|(own, ..)| own == name)?;
                 Some((f64::from(mean.count), 100.0 * ms / of))
             };
             Series::line(name, means.iter().filter_map(share))
@@ -226,7 +221,8 @@ impl SweepResult {
         let mut rows = Vec::new();
         for choice in Choice::ALL {
             for mean in self.means(choice).iter().rev() {
-                let phase = |name: &str| mean.phases.iter().find(|(own, _)| own == name).map(|(_, ms)| *ms);
+                let phase =
+                    |name: &str| mean.phases.iter().find(|(own, ..)| own == name).map(|(_, ms, _)| *ms);
                 let mut row = vec![
                     choice.name().to_owned(),
                     grouped(mean.count.into()),

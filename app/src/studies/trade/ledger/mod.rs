@@ -10,7 +10,7 @@ use crate::studies::measurement::error::{joint_psnr, mean, weighted_psnr};
 use crate::studies::measurement::noise::{self, Mark, Point, Share};
 use crate::studies::measurement::plans::SamePlan;
 use crate::studies::measurement::settings::EXACT;
-use crate::studies::measurement::time::Time;
+use crate::studies::measurement::time;
 use crate::studies::measurement::view::Measured;
 use crate::studies::provenance::Provenance;
 use crate::studies::study::StudyError;
@@ -307,7 +307,7 @@ pub struct Line {
     pub busy: Option<f64>,
     /// Largest use of device memory in any view, in bytes.
     pub gpu_bytes: u64,
-    /// Phases: name, mean milliseconds over the views, and largest spread over the views, `None` with one round.
+    /// Phases; see [`time::phases`].
     pub phases: Vec<(String, f64, Option<f64>)>,
     /// Names of the settings with the same plan, which are not measured.
     pub same_plan: Vec<String>,
@@ -403,20 +403,10 @@ fn line(name: &str, views: &[&Measured]) -> Line {
         inversions: views.iter().map(|view| view.inversions).sum(),
         busy: times.as_ref().and_then(|times| times.iter().map(|time| time.busy).reduce(f64::min)),
         gpu_bytes: views.iter().map(|view| view.gpu_bytes).max().unwrap_or(0),
-        phases: phases(&times.unwrap_or_default()),
+        phases: time::phases(&times.unwrap_or_default()),
         same_plan: Vec::new(),
         mark: if views.iter().any(|view| view.of_last_frame) { Mark::Hidden } else { Mark::Beaten },
     }
-}
-
-fn phases(times: &[&Time]) -> Vec<(String, f64, Option<f64>)> {
-    let names: IndexSet<&String> = times.iter().flat_map(|time| time.phases.keys()).collect();
-    let of = |name: &String| {
-        let ms = mean(times.iter().map(|time| time.phases.get(name).copied().unwrap_or(0.0)));
-        let spreads = times.iter().filter_map(|time| time.phase_spreads.get(name).copied().flatten());
-        (name.clone(), ms, spreads.reduce(f64::max))
-    };
-    names.into_iter().map(of).collect()
 }
 
 pub(super) fn phase_names(lines: &[Line]) -> Vec<String> {
@@ -447,6 +437,7 @@ fn mark(lines: &mut [Line]) {
 pub(crate) mod testing {
     use super::*;
     use crate::studies::measurement::error::Error;
+    use crate::studies::measurement::time::Time;
     use splatgraph_assets::Camera;
 
     fn camera() -> Camera {
