@@ -74,7 +74,7 @@ pub fn rename(
             }
             (Ok(before), Ok(after)) => {
                 if let Some(changed) =
-                    before.iter().zip(&after).find_map(|(before, after)| before.change(after, (old, &new)))
+                    before.iter().zip(&after).find_map(|(before, after)| change(before, after, (old, &new)))
                 {
                     return Err(format!("renaming `{old}` to `{new}` would change {user}: {changed}"));
                 }
@@ -90,86 +90,63 @@ pub fn rename(
     Ok(edits)
 }
 
-/// The parts of a plan that a rename must not change.
-struct Built {
-    /// Name of the output.
-    output: String,
-    /// Names of the resources, each with its properties.
-    resources: Vec<(String, String)>,
-    /// Names of the passes, each with its command. Commands refer to resources and shaders by index.
-    passes: Vec<(String, String)>,
-    /// Order of the passes, the requested outputs and the statistics, by index.
-    order: String,
-    values: Vec<String>,
-    /// Each shader's file and its code without names.
-    shaders: Vec<(String, Vec<u32>)>,
-}
-
-impl Built {
-    fn of(plan: &Plan) -> Built {
-        let resource = |resource: &Resource| {
-            let Resource { name, shape, usage, source, block, history, origin: _ } = resource;
-            (name.clone(), format!("{:?}", (shape, usage, source, block, history.is_some())))
-        };
-        let pass = |pass: &Pass| {
-            // A pass without a phase has its name as its phase.
-            let Pass { name, phase: _, run, work, bindings, push, uses, origin: _ } = pass;
-            (name.clone(), format!("{:?}", (run, work, bindings, push, uses)))
-        };
-        let stats: Vec<_> = plan.stats.iter().map(|stat| (stat.buffer, stat.offset)).collect();
-        Built {
-            output: plan.resource(plan.output).name.clone(),
-            resources: plan.resources.iter().map(resource).collect(),
-            passes: plan.passes.iter().map(pass).collect(),
-            order: format!("{:?}", (&plan.prologue, &plan.frame, &plan.outputs, stats)),
-            values: plan.params.iter().map(|param| param.value.to_string()).collect(),
-            shaders: plan.shaders.iter().map(|s| (s.name.clone(), code(&s.spirv))).collect(),
+/// Describes the first difference of two plans, apart from the new name; `None` if they are equivalent.
+fn change(before: &Plan, after: &Plan, renamed: (&str, &str)) -> Option<String> {
+    let expected = |what: &str, before: &str, after: &str| format!("expected {what} {before}, found {after}");
+    let joined =
+        |names: &mut dyn Iterator<Item = &String>| names.map(String::as_str).collect::<Vec<_>>().join(", ");
+    let names = |plan: &Plan| {
+        [
+            ("the output", plan.resource(plan.output).name.clone()),
+            ("the resources", joined(&mut plan.resources.iter().map(|resource| &resource.name))),
+            ("the passes", joined(&mut plan.passes.iter().map(|pass| &pass.name))),
+        ]
+    };
+    for ((what, before), (_, after)) in names(before).into_iter().zip(names(after)) {
+        if !is_renamed(&before, &after, renamed) {
+            return Some(expected(what, &before, &after));
         }
     }
-
-    /// Describes the first difference, apart from the new name; `None` if the plans are equivalent.
-    fn change(&self, after: &Built, renamed: (&str, &str)) -> Option<String> {
-        let changes = |what: &str, before: &str, after: &str| {
-            (before != after).then(|| format!("expected {what} {before}, found {after}"))
-        };
-        if !is_renamed(&self.output, &after.output, renamed) {
-            return changes("the output", &self.output, &after.output);
+    for (before, after) in before.shaders.iter().zip(&after.shaders) {
+        if before.name != after.name {
+            return Some(expected("the shader", &before.name, &after.name));
         }
-        let names = |all: &[(String, String)]| all.iter().map(|(name, _)| name.clone()).collect::<Vec<_>>();
-        for (what, before, after) in [
-            ("the resources", &self.resources, &after.resources),
-            ("the passes", &self.passes, &after.passes),
-        ] {
-            let (before, after) = (names(before), names(after));
-            let is_equal = before.len() == after.len()
-                && before.iter().zip(&after).all(|(before, after)| is_renamed(before, after, renamed));
-            if !is_equal {
-                return changes(what, &before.join(", "), &after.join(", "));
-            }
-        }
-        let differing = self.shaders.iter().zip(&after.shaders).find(|(before, after)| before != after);
-        match differing {
+        if code(&before.spirv) != code(&after.spirv) {
             // The usual cause: a variable, a function or a constant of the shader already has the new name.
-            Some(((shader, _), (other, _))) if shader == other => {
-                return Some(format!(
-                    "expected {shader} to compile to the same code, found other code; choose a name that the shader \
-                     does not use"
-                ));
-            }
-            Some(((shader, _), (other, _))) => return changes("the shader", shader, other),
-            None => {}
+            return Some(format!(
+                "expected {} to compile to the same code, found other code; choose a name that the shader does not use",
+                before.name
+            ));
         }
-        let mut changed = self.resources.iter().zip(&after.resources);
-        if let Some(((name, _), _)) = changed.find(|((_, before), (_, after))| before != after) {
-            return Some(format!("expected the resource {name} to stay the same, found another"));
-        }
-        let mut changed = self.passes.iter().zip(&after.passes);
-        if let Some(((name, _), _)) = changed.find(|((_, before), (_, after))| before != after) {
-            return Some(format!("expected the pass {name} to use the same resources, found others"));
-        }
-        let values = || changes("parameter values:", &self.values.join(", "), &after.values.join(", "));
-        changes("the order", &self.order, &after.order).or_else(values)
     }
+    // Resources and shaders are referred to by index.
+    let resource = |resource: &Resource| {
+        let Resource { name: _, shape, usage, source, block, history, origin: _ } = resource;
+        format!("{:?}", (shape, usage, source, block, history.is_some()))
+    };
+    let mut resources = before.resources.iter().zip(&after.resources);
+    if let Some((before, _)) = resources.find(|(before, after)| resource(before) != resource(after)) {
+        return Some(format!("expected the resource {} to stay the same, found another", before.name));
+    }
+    let pass = |pass: &Pass| {
+        // A pass without a phase has its name as its phase.
+        let Pass { name: _, phase: _, run, work, bindings, push, uses, origin: _ } = pass;
+        format!("{:?}", (run, work, bindings, push, uses))
+    };
+    let mut passes = before.passes.iter().zip(&after.passes);
+    if let Some((before, _)) = passes.find(|(before, after)| pass(before) != pass(after)) {
+        return Some(format!("expected the pass {} to use the same resources, found others", before.name));
+    }
+    let rest = |plan: &Plan| {
+        let stats: Vec<_> = plan.stats.iter().map(|stat| (stat.buffer, stat.offset)).collect();
+        let values: Vec<_> = plan.params.iter().map(|param| param.value.to_string()).collect();
+        [
+            ("the order", format!("{:?}", (&plan.prologue, &plan.frame, &plan.outputs, stats))),
+            ("parameter values:", values.join(", ")),
+        ]
+    };
+    let mut rest = rest(before).into_iter().zip(rest(after));
+    rest.find_map(|((what, before), (_, after))| (before != after).then(|| expected(what, &before, &after)))
 }
 
 /// Returns true if `after` is `before` with some words `old` replaced by `new`, such as `s.old#0` and `s.new#0`.
@@ -182,7 +159,7 @@ fn is_renamed(before: &str, after: &str, (old, new): (&str, &str)) -> bool {
 
 /// Builds each graph for a GPU and for a CPU. Graphs of a choice that neither draws are built, too. Returns the plans
 /// of each graph, or the first error.
-fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<Vec<Built>, String>> {
+fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<Vec<Plan>, String>> {
     let build = |graph: &String| {
         let first = |errors: GraphErrors| {
             let first = errors.found.first();
@@ -191,7 +168,7 @@ fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<Vec<Built>, S
         let (catalog, cases) = (files::nominal_catalog(), LANES.map(nominal_case));
         let builds = requirements::builds(planner, graph, &cases, &catalog).map_err(first)?;
         let plans = builds.iter().filter_map(|build| build.plan(planner, graph, &[], &catalog).transpose());
-        plans.map(|plan| Ok(Built::of(&plan.map_err(first)?))).collect()
+        plans.map(|plan| plan.map_err(first)).collect()
     };
     graphs.iter().map(build).collect()
 }
@@ -242,11 +219,11 @@ mod tests {
             std::fs::write(&path, text).expect("writable");
             let (facts, catalog) = (nominal_case(8).facts(), files::nominal_catalog());
             let plan = Planner::default().plan(&path.display().to_string(), &[], &facts, &catalog);
-            Built::of(&plan.unwrap_or_else(|errors| panic!("{errors}")))
+            plan.unwrap_or_else(|errors| panic!("{errors}"))
         };
         let names = ["a", "b", "c"];
         let before = built(names, ("a", "b"), "c");
-        let change = |after: Built| before.change(&after, ("b", "d"));
+        let change = |after: Plan| change(&before, &after, ("b", "d"));
         assert_eq!(change(built(["a", "d", "c"], ("a", "d"), "c")), None);
         let other = "expected the pass p2 to use the same resources, found others";
         assert_eq!(change(built(names, ("b", "a"), "c")).as_deref(), Some(other));
