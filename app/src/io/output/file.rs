@@ -266,11 +266,27 @@ pub(super) fn abandon() -> Option<MutexGuard<'static, BTreeSet<PathBuf>>> {
     None
 }
 
-/// Makes a path in `folder` that no other running process uses.
-fn hidden_name(folder: &Path) -> PathBuf {
+/// Creates something under a hidden name in `folder` that no other running process uses, and adds it to `names`.
+fn hide<T>(
+    folder: &Path,
+    names: &mut BTreeSet<PathBuf>,
+    create: impl Fn(&Path) -> io::Result<T>,
+) -> io::Result<(PathBuf, T)> {
     static NEXT: AtomicU32 = AtomicU32::new(0);
-    let number = NEXT.fetch_add(1, Ordering::Relaxed);
-    folder.join(format!(".splatgraph-{}-{number}.tmp", std::process::id()))
+    // Names are not repeated, so the loop ends.
+    loop {
+        let number = NEXT.fetch_add(1, Ordering::Relaxed);
+        let name = folder.join(format!(".splatgraph-{}-{number}.tmp", std::process::id()));
+        match create(&name) {
+            // Left by a killed process with the same ID.
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(error),
+            Ok(created) => {
+                names.insert(name.clone());
+                return Ok((name, created));
+            }
+        }
+    }
 }
 
 /// A file that is being written.
@@ -291,19 +307,9 @@ impl Unfinished {
         if let Some(file) = nameless::create(folder)? {
             return Ok(Unfinished { file, target, hidden: None });
         }
-        let mut names = hidden_names();
-        loop {
-            let name = hidden_name(folder);
-            match OpenOptions::new().write(true).create_new(true).open(&name) {
-                Ok(file) => {
-                    names.insert(name.clone());
-                    return Ok(Unfinished { file, target, hidden: Some(name) });
-                }
-                // Left by a killed process with the same ID.
-                Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
-                Err(error) => return Err(error),
-            }
-        }
+        let create = |name: &Path| OpenOptions::new().write(true).create_new(true).open(name);
+        let (name, file) = hide(folder, &mut hidden_names(), create)?;
+        Ok(Unfinished { file, target, hidden: Some(name) })
     }
 
     /// Syncs the contents to the disk, then names the file. It gets the permissions of a file that it replaces.
@@ -330,19 +336,8 @@ impl Unfinished {
                 Err(error) if error.kind() == ErrorKind::AlreadyExists && existing == Existing::Replaced => {}
                 linked => return linked,
             }
-            // Names are not repeated, so the loop ends.
-            loop {
-                let name = hidden_name(folder_of(&self.target));
-                match nameless::link(&self.file, &name) {
-                    Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
-                    Err(error) => return Err(error),
-                    Ok(()) => {
-                        names.insert(name.clone());
-                        self.hidden = Some(name);
-                        break;
-                    }
-                }
-            }
+            let link = |name: &Path| nameless::link(&self.file, name);
+            self.hidden = Some(hide(folder_of(&self.target), &mut names, link)?.0);
         }
         if let Some(name) = &self.hidden {
             faults::step()?;
