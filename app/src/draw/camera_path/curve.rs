@@ -177,7 +177,8 @@ impl Curve {
         let segment = |(at, (from, to)): (usize, &(View, View))| {
             let step = log(from.rotation.inverse() * to.rotation);
             let [start, end] = turns[at];
-            let inner = [from.rotation * exp(0.5 * (start - step)), to.rotation * exp(0.5 * (step - end))];
+            let turned = |rotation: DQuat, turn: DVec3| rotation * DQuat::from_scaled_axis(turn);
+            let inner = [turned(from.rotation, start - step), turned(to.rotation, step - end)];
             Segment {
                 from: *from,
                 to: *to,
@@ -276,15 +277,8 @@ fn log(q: DQuat) -> DVec3 {
     if sine > 0.0 { vector / sine * sine.atan2(w) } else { DVec3::ZERO }
 }
 
-fn exp(v: DVec3) -> DQuat {
-    let angle = v.length();
-    let (sine, cosine) = angle.sin_cos();
-    let vector = if angle > 0.0 { v / angle * sine } else { DVec3::ZERO };
-    DQuat::from_xyzw(vector.x, vector.y, vector.z, cosine)
-}
-
 /// Interpolates along the great circle. Unlike the usual slerp, does not flip signs to take the shorter arc: squad
 /// needs the arc that the signs give.
 fn slerp(from: DQuat, to: DQuat, t: f64) -> DQuat {
-    from * exp(t * log(from.inverse() * to))
+    from * DQuat::from_scaled_axis(2.0 * t * log(from.inverse() * to))
 }
