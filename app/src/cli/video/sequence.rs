@@ -80,30 +80,3 @@ fn difference(found: &Value, wanted: &Value) -> Option<String> {
         .find(differs)
         .map(|key| format!("{key} is {} there and {} here", found[key.as_str()], wanted[key.as_str()]))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use serde_json::json;
-
-    #[test]
-    fn of_two_films_that_begin_at_once_in_one_folder_one_gets_it() {
-        for _ in 0..20 {
-            let folder = tempfile::tempdir().unwrap();
-            let start = std::sync::Barrier::new(2);
-            let begin = |film: u32| {
-                let sequence = Sequence::new(folder.path(), Format::Png);
-                start.wait();
-                sequence.missing(&json!({ "frames": film }), 2, (4, 4))
-            };
-            let both = std::thread::scope(|scope| {
-                let other = scope.spawn(|| begin(1));
-                [begin(2), other.join().unwrap()]
-            });
-            let (done, refused): (Vec<_>, Vec<_>) = both.into_iter().partition(Result::is_ok);
-            assert_eq!((done.len(), refused.len()), (1, 1));
-            let error = refused.into_iter().next().unwrap().unwrap_err().to_string();
-            assert!(error.contains("film.json belongs to another film (frames is "), "{error}");
-        }
-    }
-}
