@@ -73,22 +73,6 @@ fn a_picture_is_the_same_in_every_format_and_compares_as_such() {
 }
 
 #[test]
-fn dumps_show_every_digit_of_the_sort() {
-    let place = Place::empty();
-    for (preset, digits) in [("digit4", 8), ("digit8", 4), ("digit11", 3), ("key16", 2), ("unsorted", 0)] {
-        let dump = place.told(&format!("dump {preset} --format json"));
-        let passes = dump["passes"].as_array().expect("a list");
-        for step in ["histogram", "scan", "scatter"] {
-            let prefix = format!("order.sort.{step}[");
-            let found =
-                passes.iter().filter(|p| p["name"].as_str().is_some_and(|n| n.starts_with(&prefix))).count();
-            assert_eq!(found, digits, "{preset}: dispatches of {step}");
-        }
-    }
-    assert!(place.done("dump splat --format dot").starts_with("digraph"));
-}
-
-#[test]
 fn info_shows_the_bytes_of_a_file_and_the_buffers_of_a_plan() {
     let place = Place::demo(5000);
     let bytes = std::fs::metadata(place.at("scene.ply")).expect("there").len();
@@ -138,20 +122,6 @@ fn listed_commands(help: &str) -> Vec<&str> {
     // Longer descriptions continue on further lines, indented more deeply.
     let names = list.lines().take_while(|line| !line.is_empty()).filter_map(|line| line.strip_prefix("  "));
     names.filter(|line| !line.starts_with(' ')).filter_map(|line| line.split(' ').next()).collect()
-}
-
-#[test]
-fn every_command_teaches_by_examples() {
-    let place = Place::empty();
-    let help = place.done("--help");
-    let commands = listed_commands(&help);
-    for known in ["view", "render", "bench", "sweep", "advise"] {
-        assert!(commands.contains(&known), "{commands:?}");
-    }
-    for command in commands.into_iter().filter(|command| *command != "help") {
-        let help = place.done(&[command, "--help"]);
-        assert!(help.contains("Examples:"), "{command} has no examples:\n{help}");
-    }
 }
 
 #[test]
