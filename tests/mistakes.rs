@@ -71,13 +71,6 @@ error: the graph has no parameter `widht`
 }
 
 #[test]
-fn bad_usage_exits_with_2() {
-    let place = Place::empty();
-    place.fails("chekc", 2);
-    place.fails("render", 2);
-}
-
-#[test]
 fn mistakes_of_a_beginner_are_answered_with_the_way_to_go() {
     let place = Place::demo(500);
     let render = "render scene.ply -o a.png --size 32x18";
@@ -156,15 +149,6 @@ fn an_unknown_graph_is_shown_with_the_nearest_name_and_where_it_was_looked_for()
     let errors = Place::empty().fails("check splt", 1);
     assert!(errors.starts_with("error: there is no graph `splt`\n --> command line:1:1"), "{errors}");
     assert_eq!(errors.matches("did you mean `splat`?").count(), 1, "{errors}");
-}
-
-#[cfg(unix)]
-#[test]
-fn an_argument_that_is_no_text_is_no_panic() {
-    use std::os::unix::ffi::OsStrExt;
-    let name = std::ffi::OsStr::from_bytes(b"\xff.ply");
-    let output = Place::empty().program("info").arg(name).output().expect("it runs");
-    assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
 #[test]
