@@ -158,20 +158,6 @@ fn a_graph_that_was_edited_is_another_request() {
 }
 
 #[test]
-fn a_view_that_fails_costs_no_other() {
-    let place = Place::new();
-    place.cameras(&CAMERAS);
-    let mut cameras = place.json("cameras.json");
-    // Larger than the largest image of the tests' devices.
-    cameras[1]["width"] = 32_768.into();
-    cameras[1]["height"] = 32_768.into();
-    place.write("cameras.json", cameras.to_string());
-    let told = run(&place, "render scene.ply -c cameras.json -o out --shard 0/1", &[], 1);
-    assert!(told.contains("3 of 3 views: 2 done, 0 already there, 1 failed\ntwo: "), "{told}");
-    assert!(place.at("out/three.png").exists() && !place.at("out/two.png").exists());
-}
-
-#[test]
 fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
     let place = Place::new();
     place.cameras(&CAMERAS);
