@@ -239,24 +239,6 @@ fn graph_to_edit(place: &Place) -> (String, String) {
 }
 
 #[test]
-fn an_editor_is_told_the_mistakes_of_a_graph_on_standard_output() {
-    let place = Place::empty();
-    let (uri, text) = graph_to_edit(&place);
-    let text = text.replace("\"rgba32f\"", "\"Rgba32Float\"");
-    let document = json!({ "uri": uri, "languageId": "ron", "version": 1, "text": text });
-    let mut server = Server::start(&place);
-    server.send(&[notification("textDocument/didOpen", json!({ "textDocument": document }))]);
-    let published = server.received();
-    assert_eq!(published["method"], "textDocument/publishDiagnostics");
-    let message = published["params"]["diagnostics"][0]["message"].as_str().expect("a mistake");
-    assert!(
-        message.contains("no format `Rgba32Float`") && message.contains("did you mean `rgba32f`?"),
-        "{message}"
-    );
-    server.end();
-}
-
-#[test]
 fn changes_that_an_editor_sends_in_quick_succession_are_built_once() {
     const CHANGES: u32 = 20;
     let place = Place::empty();
