@@ -276,11 +276,8 @@ fn the_serial_rasteriser_draws_the_same_picture_at_the_width_of_simd_groups_of_m
             let expected = stage.run(&plans[0], &library, false);
             for reversed in [false, true] {
                 let found = stage.run(&plans[1], &library, reversed);
-                let floats = |bytes: &[u8]| -> Vec<f32> {
-                    let words = bytes.chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]);
-                    words.map(f32::from_le_bytes).collect()
-                };
-                let (found, expected) = (floats(&found), floats(&expected));
+                let [found, expected] =
+                    [&found, &expected].map(|bytes| bytemuck::pod_collect_to_vec::<u8, f32>(bytes));
                 assert_eq!(found.len(), expected.len());
                 let pairs = || std::iter::zip(&found, &expected);
                 assert!(pairs().all(|(found, expected)| found.is_finite() && expected.is_finite()));
