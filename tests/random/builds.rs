@@ -139,8 +139,18 @@ pub fn for_all(
     quick: u32,
     property: impl Fn(&Case) -> Result<(), String> + Sync,
 ) {
+    for_cases(name, limits, if long() { LONG } else { quick }, property);
+}
+
+/// Checks `property` on `cases` random graphs, as [`for_all`] does.
+pub fn for_cases(
+    name: &str,
+    limits: Limits,
+    cases: u32,
+    property: impl Fn(&Case) -> Result<(), String> + Sync,
+) {
     let counts = Counts::default();
-    let batches = (if long() { LONG } else { quick }).div_ceil(BATCH);
+    let batches = cases.div_ceil(BATCH);
     let (next, failure) = (AtomicU32::new(0), Mutex::new(None));
     let start = Instant::now();
     let say = |what: &str| {

@@ -8,24 +8,21 @@ use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::solve::reorder;
 use splatgraph_vulkan::sync::{Barrier, Barriers};
-use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
-use std::time::Instant;
+use std::sync::Mutex;
 
-use super::builds::{accepted, barriers, plan_with, run_batch, shown};
+use super::builds::{Case, accepted, barriers, for_cases, plan_with, shown};
 use super::orders::orders;
 use super::recipe::{LARGE, Limits, SMALL, Settings};
-use super::render::{Files, Style, render};
-use super::sketch::Sketch;
+use super::render::Files;
 use crate::again;
-use crate::common::{self, long, say};
+use crate::common::{self, long};
 
 pub struct Bench {
     device: Backend,
     compiler: Glslang,
     /// Number of the run, which identifies the scene. Histories persist from plan to plan within a run.
     run: u64,
-    loads: u32,
 }
 
 /// A scene without data. Its identity is the run: histories belong to a scene.
@@ -60,7 +57,7 @@ pub enum Pace {
 
 impl Bench {
     pub fn new() -> Bench {
-        Bench { device: common::device(), compiler: Glslang::default(), run: 0, loads: 0 }
+        Bench { device: common::device(), compiler: Glslang::default(), run: 0 }
     }
 
     pub fn plan(&mut self, files: &Files, settings: Settings, share_memory: bool) -> Result<Plan, String> {
@@ -93,7 +90,6 @@ impl Bench {
             Ok(())
         };
         for (number, (plan, frames)) in plans.iter().enumerate() {
-            self.loads += 1;
             let scene = NoScene(self.run);
             let loaded = match (&mut self.device, barriers.take()) {
                 (Backend::Vulkan(device), Some(barriers)) => {
@@ -194,48 +190,29 @@ pub fn compares_submissions(test: &str) -> bool {
 }
 
 /// Runs `property` on `cases` random graphs with full validation, on one device; in a long run, on 20 times as many.
+/// `test` is the name of the test.
 fn on_device(
-    name: &str,
+    test: &str,
     limits: Limits,
     cases: u32,
-    property: impl Fn(&mut Bench, &Sketch, &Files, &Plan) -> Result<(), String>,
+    property: impl Fn(&mut Bench, &Case, &Plan) -> Result<(), String> + Sync,
 ) {
-    let bench = RefCell::new(Bench::new());
-    let (graphs, refused) = (Cell::new(0), Cell::new(0));
-    let start = Instant::now();
-    let limits = Limits { runs: true, ..limits };
+    if !compares_submissions(&format!("random::gpu::{test}")) {
+        return;
+    }
+    let bench = Mutex::new(Bench::new());
     let cases = if long() { 20 * cases } else { cases };
-    let found = run_batch(0, cases, limits, |recipe| {
-        let sketch = Sketch::of(recipe, limits);
-        let files = render(&sketch, Style::default());
-        let mut bench = bench.borrow_mut();
-        graphs.set(graphs.get() + 1);
-        match accepted(bench.plan(&files, sketch.settings[0], true))? {
-            Some(plan) => property(&mut bench, &sketch, &files, &plan),
-            None => {
-                refused.set(refused.get() + 1);
-                Ok(())
-            }
-        }
+    for_cases(test, Limits { runs: true, ..limits }, cases, |case| {
+        let mut bench = bench.lock().map_err(|_| "another graph panics")?;
+        let plan = accepted(bench.plan(&case.files, case.sketch.settings[0], true))?;
+        plan.map_or(Ok(()), |plan| property(&mut bench, case, &plan))
     });
-    say(&format!(
-        "random graphs on the device: {name}: {} graphs, {} refused, {} plans run, {:.1} s",
-        graphs.get(),
-        refused.get(),
-        bench.borrow().loads,
-        start.elapsed().as_secs_f32(),
-    ));
-    found.unwrap_or_else(|text| panic!("{text}"));
-    assert!(refused.get() * 10 <= graphs.get(), "too many random graphs are refused");
 }
 
 #[test]
 fn up_to_12_orders_of_a_frame_give_the_same_bytes() {
-    if !compares_submissions("random::gpu::up_to_12_orders_of_a_frame_give_the_same_bytes") {
-        return;
-    }
     const MAX_ORDERS: usize = 12;
-    on_device("orders", SMALL, 300, |bench, _, _, plan| {
+    on_device("up_to_12_orders_of_a_frame_give_the_same_bytes", SMALL, 300, |bench, _, plan| {
         let expected = bench.frames(plan)?;
         for (number, order) in orders(plan, MAX_ORDERS).into_iter().enumerate() {
             let share_memory = number % 2 == 0;
@@ -249,14 +226,13 @@ fn up_to_12_orders_of_a_frame_give_the_same_bytes() {
 
 #[test]
 fn full_barriers_and_memory_apart_give_the_same_bytes() {
-    if !compares_submissions("random::gpu::full_barriers_and_memory_apart_give_the_same_bytes") {
-        return;
-    }
-    on_device("large", LARGE, 150, |bench, sketch, files, plan| {
+    on_device("full_barriers_and_memory_apart_give_the_same_bytes", LARGE, 150, |bench, case, plan| {
         let found = bench.frames(plan).map_err(|e| format!("{e}\n{}", shown(plan)))?;
         let expected = bench.frames_with(plan, Some(full_barriers(plan)))?;
         same(&expected, &found, plan, "than with full barriers")?;
-        let Some(apart) = accepted(bench.plan(files, sketch.settings[0], false))? else { return Ok(()) };
+        let Some(apart) = accepted(bench.plan(&case.files, case.sketch.settings[0], false))? else {
+            return Ok(());
+        };
         let found = bench.frames(&apart).map_err(|e| format!("{e}\n{}", shown(&apart)))?;
         same(&expected, &found, &apart, "with memory apart")
     });
@@ -264,13 +240,11 @@ fn full_barriers_and_memory_apart_give_the_same_bytes() {
 
 #[test]
 fn plans_that_follow_each_other_in_flight_give_the_bytes_of_a_patient_host() {
-    if !compares_submissions(
-        "random::gpu::plans_that_follow_each_other_in_flight_give_the_bytes_of_a_patient_host",
-    ) {
-        return;
-    }
-    on_device("swaps", LARGE, 100, |bench, sketch, files, one| {
-        let Some(two) = accepted(bench.plan(files, sketch.settings[1], true))? else { return Ok(()) };
+    let test = "plans_that_follow_each_other_in_flight_give_the_bytes_of_a_patient_host";
+    on_device(test, LARGE, 100, |bench, case, one| {
+        let Some(two) = accepted(bench.plan(&case.files, case.sketch.settings[1], true))? else {
+            return Ok(());
+        };
         let plans = [(one, 2), (&two, 1), (one, 1), (&two, 3)];
         let found = bench.run(&plans, Pace::InFlight)?;
         let expected = bench.run(&plans, Pace::Waits)?;
