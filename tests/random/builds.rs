@@ -15,7 +15,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::time::Instant;
 
-use super::compiler::HeaderCompiler;
+use super::compiler::DeclarationCompiler;
 use super::recipe::{Limits, Recipe, Settings, recipes};
 use super::render::{Files, Style, render};
 use super::sketch::Sketch;
@@ -52,7 +52,7 @@ pub fn plan_with(
 }
 
 pub fn plan(files: &Files, settings: Settings, share_memory: bool) -> Result<Plan, String> {
-    plan_with(files, settings, share_memory, &mut HeaderCompiler)
+    plan_with(files, settings, share_memory, &mut DeclarationCompiler)
 }
 
 /// Returns the plan, or `None` if the builder refused the graph. A mistake of the solver is an error.

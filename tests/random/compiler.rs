@@ -1,13 +1,5 @@
-//! A compiler that reads only the comments at the head of a generated shader, so that thousands of graphs can be built
-//! without C++. The comments state what the real compiler would find:
-//!
-//! ```text
-//! //: local 16                    workgroup size
-//! //: buffer 0 In0 r 4            binding, block, how it is accessed (`rwa`: by atomics), bytes of an element
-//! //: image 1 Out0 rw r32ui       likewise, format
-//! //: push c                      a push constant, a uint
-//! //: in 0 tone uint flat         a stage input; `out` likewise
-//! ```
+//! A compiler that reads only the declarations of a generated shader, each on its line, so that thousands of graphs can
+//! be built without C++.
 
 use splatgraph_framework::ir::{
     Features, Format, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection,
@@ -17,9 +9,9 @@ use splatgraph_framework::shader::{Compiled, ShaderCompiler, ShaderRequest};
 use splatgraph_framework::source::{Diagnostic, SourceMap};
 use std::sync::Arc;
 
-pub struct HeaderCompiler;
+pub struct DeclarationCompiler;
 
-impl ShaderCompiler for HeaderCompiler {
+impl ShaderCompiler for DeclarationCompiler {
     fn compile(
         &mut self,
         files: &mut SourceMap,
@@ -36,10 +28,10 @@ impl ShaderCompiler for HeaderCompiler {
     }
 }
 
-/// Reads the reflection from a shader's header.
+/// Reads the reflection from a shader's declarations. A draw accesses what it writes by atomics alone.
 ///
 /// # Panics
-/// On a header that the generator should not have written.
+/// On a declaration that the generator should not have written.
 pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
     let mut reflection = Reflection {
         stage,
@@ -52,44 +44,46 @@ pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
         uses_position: stage == ShaderStage::Vertex,
         features: Features::empty(),
     };
-    for line in text.lines().filter_map(|line| line.strip_prefix("//: ")) {
-        let words: Vec<&str> = line.split_whitespace().collect();
+    for line in text.lines().filter(|line| line.starts_with("layout(")) {
+        let is_word = |c: char| c.is_alphanumeric() || c == '_';
+        let words: Vec<&str> = line.split(|c| !is_word(c)).filter(|word| !word.is_empty()).collect();
         let number = |at: usize| -> u32 { words[at].parse().expect("a number") };
-        match words[0] {
-            "local" => reflection.local_size[0] = number(1),
-            "push" => {
-                let (name, kind) = (words[1].into(), MemberKind::Uint);
-                let member = Member { name, offset: 0, kind, used: true };
+        let name = |at: usize| words[words.len() - 1 - at].to_owned();
+        let has = |word: &str| words.contains(&word);
+        match words[1] {
+            "local_size_x" => reflection.local_size[0] = number(2),
+            "push_constant" => {
+                let member = Member { name: name(0), offset: 0, kind: MemberKind::Uint, used: true };
                 reflection.push = Some(PushBlock { bytes: 4, members: vec![member] });
             }
-            kind @ ("buffer" | "image") => reflection.bindings.push(ReflectedBinding {
-                name: words[2].into(),
-                set: 0,
-                binding: number(1),
-                count: 1,
-                kind: match kind {
-                    "buffer" => ReflectedKind::StorageBuffer { stride: Some(number(4)), fixed_bytes: 0 },
-                    _ => ReflectedKind::StorageImage {
-                        format: Format::ALL.into_iter().find(|format| format.name() == words[4]),
+            "location" => {
+                let varyings = if has("in") { &mut reflection.inputs } else { &mut reflection.outputs };
+                let (name, glsl_type) = (name(0), name(1));
+                varyings.push(Varying { name, location: number(2), glsl_type, flat: has("flat") });
+            }
+            "set" => {
+                let (reads, writes, is_buffer) = (!has("writeonly"), !has("readonly"), has("buffer"));
+                let atomics = reads && writes && stage != ShaderStage::Compute;
+                let stride = Some(if has("uvec4") { 16 } else { 4 });
+                let format = Format::ALL.into_iter().find(|format| format.name() == words[5]);
+                reflection.bindings.push(ReflectedBinding {
+                    name: name(if is_buffer { 2 } else { 0 }),
+                    set: 0,
+                    binding: number(4),
+                    count: 1,
+                    kind: match is_buffer {
+                        true => ReflectedKind::StorageBuffer { stride, fixed_bytes: 0 },
+                        false => ReflectedKind::StorageImage { format },
                     },
-                },
-                reads: words[3].contains('r'),
-                writes: words[3].contains('w'),
-                atomics: words[3].contains('a'),
-                atomics_only: words[3].contains('a'),
-                writes_first: !words[3].contains('r'),
-                floats: false,
-            }),
-            way @ ("in" | "out") => {
-                let varyings = if way == "in" { &mut reflection.inputs } else { &mut reflection.outputs };
-                varyings.push(Varying {
-                    name: words[2].into(),
-                    location: number(1),
-                    glsl_type: words[3].into(),
-                    flat: words.get(4) == Some(&"flat"),
+                    reads,
+                    writes,
+                    atomics,
+                    atomics_only: atomics,
+                    writes_first: !reads,
+                    floats: false,
                 });
             }
-            other => panic!("a header of a generated shader says `{other}`"),
+            other => panic!("a generated shader declares `{other}`"),
         }
     }
     reflection

@@ -291,7 +291,7 @@ fn barriers_suit_up_to_200_orders_of_a_frame() {
 }
 
 #[test]
-fn headers_say_what_the_compiler_finds() {
+fn declarations_say_what_the_compiler_finds() {
     let compared = AtomicUsize::new(0);
     let cases = if long() { 1000 } else { 40 };
     let found = run_batch(0, cases, LARGE, |recipe| {
@@ -301,7 +301,7 @@ fn headers_say_what_the_compiler_finds() {
     });
     found.unwrap_or_else(|text| panic!("{text}"));
     let compared = compared.into_inner();
-    say(&format!("random graphs: headers of {compared} shaders compared"));
+    say(&format!("random graphs: declarations of {compared} shaders compared"));
 }
 
 fn compare_reflections(name: &str, text: &str) -> Result<(), String> {
@@ -314,7 +314,7 @@ fn compare_reflections(name: &str, text: &str) -> Result<(), String> {
     let compiled = Glslang::default().compile(&mut files, &request);
     let compiled = compiled.map_err(|e| explain(&files, &e, false))?;
     let mut stated = compiler::reflection(text, stage);
-    // Headers state neither features nor the order of accesses.
+    // Declarations state neither features nor the order of accesses.
     stated.features = compiled.reflection.features;
     for (stated, found) in stated.bindings.iter_mut().zip(&compiled.reflection.bindings) {
         stated.writes_first = found.writes_first;
@@ -322,5 +322,5 @@ fn compare_reflections(name: &str, text: &str) -> Result<(), String> {
     if compiled.reflection == stated {
         return Ok(());
     }
-    Err(format!("the header says {stated:#?}\nand the compiler {:#?}\nof\n{text}", compiled.reflection))
+    Err(format!("the declarations say {stated:#?}\nand the compiler {:#?}\nof\n{text}", compiled.reflection))
 }

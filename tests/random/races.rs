@@ -5,9 +5,9 @@ use splatgraph_vulkan::sync::model::{Replay, replay};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use super::builds::{barriers, for_all, plan, shown};
-use super::recipe::{LARGE, Role};
+use super::recipe::{Kind, LARGE, Role};
 use super::render::{Style, render};
-use super::sketch::{Target, Work};
+use super::sketch::Target;
 use crate::common::say;
 
 #[test]
@@ -18,7 +18,7 @@ fn a_dispatch_that_writes_the_buffer_of_its_own_arguments_is_refused() {
             let pass = &case.sketch.passes[*at];
             let args = |of| matches!(of, Target::Buffer(at) if case.sketch.buffers[at].role == Role::Args);
             let what = pass.binds.iter().find(|bind| bind.writes && args(bind.what.of))?.what;
-            matches!(pass.work, Work::Dispatch { .. }).then_some((*at, what))
+            matches!(pass.work, Kind::Dispatch { .. }).then_some((*at, what))
         };
         for (at, what) in (0..case.sketch.passes.len()).filter_map(|at| writes_arguments(&at)) {
             let mut sketch = case.sketch.clone();

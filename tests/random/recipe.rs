@@ -154,9 +154,10 @@ pub enum Kind {
     },
     /// Targets by index, each with true if its contents are kept.
     Draw {
-        targets: Vec<(u8, bool)>,
+        targets: Vec<(usize, bool)>,
         strip: bool,
     },
+    /// Fills the bound buffer.
     Fill {
         value: u32,
     },
@@ -265,7 +266,7 @@ fn when() -> impl Strategy<Value = When> {
 fn kind() -> impl Strategy<Value = (Kind, usize)> {
     prop_oneof![
         8 => (weighted(1, 6), select(vec![8u32, 16, 64])).prop_map(|(once, local)| (Kind::Dispatch { once, local }, 1)),
-        3 => (vec((any::<u8>(), any::<bool>()), 1..=2), any::<bool>()).prop_map(|(targets, strip)| (Kind::Draw { targets, strip }, 0)),
+        3 => (vec((0..256usize, any::<bool>()), 1..=2), any::<bool>()).prop_map(|(targets, strip)| (Kind::Draw { targets, strip }, 0)),
         1 => (0u32..4).prop_map(|value| (Kind::Fill { value }, 1)),
     ]
 }

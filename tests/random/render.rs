@@ -8,8 +8,8 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use super::recipe::{Count, Role, Stage, Stands, When};
-use super::sketch::{Bind, Half, Node, Pass, Ref, Sketch, Target, Work};
+use super::recipe::{Count, Kind, Role, Stage, Stands, When};
+use super::sketch::{Bind, Half, Node, Pass, Ref, Sketch, Target};
 
 pub struct Files {
     pub graph: String,
@@ -265,13 +265,7 @@ impl Writer<'_> {
                 let (word, var) = if bind.writes { ("Out", "out_") } else { ("In", "in_") };
                 *counter += 1;
                 let digit = *counter - 1;
-                Slot {
-                    number,
-                    bind: *bind,
-                    block: format!("{word}{digit}"),
-                    var: format!("{var}{digit}"),
-                    atomic: bind.writes && matches!(pass.work, Work::Draw { .. }),
-                }
+                Slot { number, bind: *bind, block: format!("{word}{digit}"), var: format!("{var}{digit}") }
             })
             .collect();
         let bind: String = slots
@@ -288,11 +282,11 @@ impl Writer<'_> {
             pass.indirect.map(|(what, offset)| format!("Indirect(\"{}\", {offset})", style.named(what)));
         let shows = at + 1 == sketch.passes.len();
         match &pass.work {
-            Work::Fill { value } => {
+            Kind::Fill { value } => {
                 let buffer = style.named(pass.binds[0].what);
                 self.line(&format!("Fill(name: \"{name}\",{when} buffer: \"{buffer}\", value: {value}),"));
             }
-            Work::Dispatch { once, local } => {
+            Kind::Dispatch { once, local } => {
                 let text = compute(sketch, pass, &slots, *local, shows);
                 let shader = self.shader(text, "comp");
                 let size = indirect.unwrap_or_else(|| {
@@ -306,7 +300,7 @@ impl Writer<'_> {
                     "Dispatch(name: \"{name}\",{when}{run} shader: \"{shader}\", size: {size}, bind: {{ {bind}}},{push}),"
                 ));
             }
-            Work::Draw { targets, strip } => {
+            Kind::Draw { targets, strip } => {
                 let [vertex, fragment] = draw(sketch, pass, targets, &slots, shows);
                 let (vertex, fragment) = (self.shader(vertex, "vert"), self.shader(fragment, "frag"));
                 let topology = if *strip { "TriangleStrip" } else { "TriangleList" };
@@ -331,23 +325,23 @@ impl Writer<'_> {
     fn idle_pass(&mut self, after: usize) {
         let (sketch, style) = (self.sketch, self.style);
         let pass = &sketch.passes[after];
-        let mut text = String::from("//: local 16\n");
+        let mut text = String::from("layout(local_size_x = 16) in;\n");
         let mut bind = String::new();
         if std::mem::replace(&mut self.idle_runs, false) && !pass.once() {
-            text += "//: buffer 0 In0 r 4\n";
+            text += "layout(set = 0, binding = 0, std430) readonly buffer In0 { uint in_0[]; };\n";
             bind = format!("\"In0\": \"idle{}\", ", self.idle - 1);
         } else {
             for (number, of) in pass.binds.iter().enumerate() {
                 let (reads, writes) = (true, false);
                 let bound = Bind { reads, writes, ..*of };
-                let (block, var, atomic) = (format!("In{number}"), String::new(), false);
-                let slot = Slot { number, bind: bound, block, var, atomic };
-                text += &header(sketch, &slot);
+                let slot =
+                    Slot { number, bind: bound, block: format!("In{number}"), var: format!("in_{number}") };
+                text += &declaration(sketch, &slot);
                 bind += &format!("\"{}\": \"{}\", ", slot.block, style.named(of.what));
             }
             self.idle_runs = pass.when == When::Always;
         }
-        text += "//: buffer 31 Idle w 4\n";
+        text += "layout(set = 0, binding = 31, std430) writeonly buffer Idle { uint idle[]; };\n";
         let shader = format!("idle{}.comp", self.idle);
         self.idle_shaders.push((shader.clone(), text));
         let when = condition(pass.when);
@@ -391,8 +385,6 @@ struct Slot {
     bind: Bind,
     block: String,
     var: String,
-    /// True if it is accessed only by atomics.
-    atomic: bool,
 }
 
 /// Returns the number of elements of a buffer, or of pixels of an image.
@@ -403,21 +395,6 @@ fn elements(sketch: &Sketch, slot: &Slot) -> u32 {
             let (width, height) = sketch.size(at);
             width * height
         }
-    }
-}
-
-/// Returns the line for a binding in the shader's header comment.
-fn header(sketch: &Sketch, slot: &Slot) -> String {
-    let Slot { number, bind, block, .. } = slot;
-    let access = match (bind.reads, bind.writes) {
-        (true, true) if slot.atomic => "rwa",
-        (true, true) => "rw",
-        (true, false) => "r",
-        (false, _) => "w",
-    };
-    match bind.what.of {
-        Target::Buffer(at) => format!("//: buffer {number} {block} {access} {}\n", sketch.stride(at)),
-        Target::Image(at) => format!("//: image {number} {block} {access} {}\n", format(sketch, at)),
     }
 }
 
@@ -465,19 +442,15 @@ uint mixed(uint a, uint b) {
 uint fold(uvec4 v) { return v.x ^ (v.y * 3u) ^ (v.z * 5u) ^ (v.w * 7u); }
 ";
 
-/// Returns the beginning of a shader: version, header comment, declarations and functions.
-fn head(sketch: &Sketch, pass: &Pass, slots: &[&Slot], mut lines: String, mut body: String) -> String {
-    for slot in slots {
-        lines += &header(sketch, slot);
-        body += &declaration(sketch, slot);
-    }
+/// Returns the beginning of a shader: version, declarations and functions.
+fn head(sketch: &Sketch, pass: &Pass, slots: &[&Slot], mut body: String) -> String {
+    slots.iter().for_each(|slot| body += &declaration(sketch, slot));
     if pass.push {
-        lines += "//: push c\n";
         body += "layout(push_constant) uniform Push { uint c; };\n";
     } else {
         let _ = writeln!(body, "const uint c = {}u;", pass.salt);
     }
-    format!("#version 460\n{lines}{body}{FUNCTIONS}")
+    format!("#version 460\n{body}{FUNCTIONS}")
 }
 
 /// Returns statements that mix the pass's inputs into `h`.
@@ -504,13 +477,7 @@ fn mix_reads(sketch: &Sketch, slots: &[&Slot], index: &str, all: bool) -> String
 
 fn compute(sketch: &Sketch, pass: &Pass, slots: &[Slot], local: u32, all: bool) -> String {
     let slots: Vec<&Slot> = slots.iter().collect();
-    let mut text = head(
-        sketch,
-        pass,
-        &slots,
-        format!("//: local {local}\n"),
-        format!("layout(local_size_x = {local}) in;\n"),
-    );
+    let mut text = head(sketch, pass, &slots, format!("layout(local_size_x = {local}) in;\n"));
     // The loops write every element for any number of workgroups.
     let _ = write!(
         text,
@@ -572,13 +539,7 @@ fn draw(sketch: &Sketch, pass: &Pass, targets: &[(usize, bool)], slots: &[Slot],
     };
 
     let inside = of([Stage::Vertex, Stage::Both]);
-    let mut vertex = head(
-        sketch,
-        pass,
-        &inside,
-        "//: out 0 tone uint flat\n".into(),
-        "layout(location = 0) flat out uint tone;\n".into(),
-    );
+    let mut vertex = head(sketch, pass, &inside, "layout(location = 0) flat out uint tone;\n".into());
     // The triangle covers the whole target, or half of it if contents are kept, so that they stay visible.
     let kept = targets.iter().any(|(_, keep)| *keep);
     let far = if kept { "1.0" } else { "3.0" };
@@ -596,16 +557,14 @@ fn draw(sketch: &Sketch, pass: &Pass, targets: &[(usize, bool)], slots: &[Slot],
     );
 
     let inside = of([Stage::Fragment, Stage::Both]);
-    let mut header = String::from("//: in 0 tone uint flat\n");
     let mut body = String::from("layout(location = 0) flat in uint tone;\n");
     let mut stores = String::new();
     for (at, _) in targets.iter().enumerate() {
-        let _ = writeln!(header, "//: out {at} color{at} vec4");
         let _ = writeln!(body, "layout(location = {at}) out vec4 color{at};");
         let _ = writeln!(stores, "        h += {at}u;\n        color{at} = {COLOR};");
     }
     let (width, _) = sketch.size(targets[0].0);
-    let mut fragment = head(sketch, pass, &inside, header, body);
+    let mut fragment = head(sketch, pass, &inside, body);
     let _ = write!(
         fragment,
         "void main() {{

@@ -55,30 +55,13 @@ pub struct Ref {
 
 #[derive(Clone, Debug)]
 pub struct Pass {
-    pub work: Work,
+    pub work: Kind,
     pub binds: Vec<Bind>,
     pub indirect: Option<(Ref, u32)>,
     pub when: When,
     pub stands: Stands,
     pub salt: u32,
     pub push: bool,
-}
-
-#[derive(Clone, Debug)]
-pub enum Work {
-    Dispatch {
-        once: bool,
-        local: u32,
-    },
-    /// Targets by index, each with true if its contents are kept.
-    Draw {
-        targets: Vec<(usize, bool)>,
-        strip: bool,
-    },
-    /// Fills the bound buffer.
-    Fill {
-        value: u32,
-    },
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -91,13 +74,13 @@ pub struct Bind {
 
 impl Pass {
     pub fn once(&self) -> bool {
-        matches!(self.work, Work::Dispatch { once: true, .. })
+        matches!(self.work, Kind::Dispatch { once: true, .. })
     }
 
     /// Returns everything that the pass accesses, with true for writes.
     pub fn uses(&self) -> impl Iterator<Item = (Ref, bool)> + '_ {
         let targets = match &self.work {
-            Work::Draw { targets, .. } => targets.as_slice(),
+            Kind::Draw { targets, .. } => targets.as_slice(),
             _ => &[],
         };
         let targets = targets.iter().map(|(image, _)| (front(Target::Image(*image)), true));
@@ -200,10 +183,6 @@ impl Sketch {
     fn resolve(&self, pick: Pick) -> Ref {
         let buffers = (0..self.buffers.len()).map(Target::Buffer);
         let all: Vec<Target> = buffers.chain((0..self.images.len()).map(Target::Image)).collect();
-        let has_history = |of: &Target| match *of {
-            Target::Buffer(at) => self.buffers[at].history,
-            Target::Image(at) => self.images[at].history,
-        };
         let is_pair =
             |of: &Target| matches!(*of, Target::Buffer(at) if self.buffers[at].role == Role::PingPong);
         let fitting = |half, fits: &dyn Fn(&Target) -> bool| {
@@ -215,7 +194,7 @@ impl Sketch {
             Want::Any => None,
             Want::Front => fitting(Half::Front, &is_pair),
             Want::Back => fitting(Half::Back, &is_pair),
-            Want::Last => fitting(Half::Last, &has_history),
+            Want::Last => fitting(Half::Last, &|of| self.history(*of)),
         }
         .unwrap_or_else(|| front(all[pick.index as usize % all.len()]))
     }
@@ -231,14 +210,13 @@ impl Sketch {
     /// Converts a wish to a pass, without regard to other passes. `None` if the pass would write nothing or is a draw
     /// without a target.
     fn pass(&self, wish: &PassWish, limits: Limits) -> Option<Pass> {
-        let work = match &wish.kind {
-            Kind::Dispatch { once, local } => Work::Dispatch { once: *once, local: *local },
-            Kind::Draw { targets, strip } => Work::Draw { targets: self.targets(targets)?, strip: *strip },
-            Kind::Fill { value } => Work::Fill { value: *value },
-        };
-        let draws = matches!(work, Work::Draw { .. });
+        let mut work = wish.kind.clone();
+        if let Kind::Draw { targets, .. } = &mut work {
+            *targets = self.targets(targets)?;
+        }
+        let draws = matches!(work, Kind::Draw { .. });
         let drawn: Vec<Target> = match &work {
-            Work::Draw { targets, .. } => targets.iter().map(|(image, _)| Target::Image(*image)).collect(),
+            Kind::Draw { targets, .. } => targets.iter().map(|(image, _)| Target::Image(*image)).collect(),
             _ => Vec::new(),
         };
         let mut binds: Vec<Bind> = Vec::new();
@@ -248,15 +226,15 @@ impl Sketch {
             let taken = drawn.contains(&what.of) || binds.iter().any(|bind| bind.what == what);
             let fits = match (&work, what.of) {
                 // Draws write by atomics, to single words.
-                (Work::Draw { .. }, Target::Buffer(at)) => {
+                (Kind::Draw { .. }, Target::Buffer(at)) => {
                     !self.buffers[at].wide && self.buffers[at].role != Role::Args
                 }
-                (Work::Draw { .. }, Target::Image(_)) => false,
-                (Work::Fill { .. }, Target::Buffer(at)) => {
+                (Kind::Draw { .. }, Target::Image(_)) => false,
+                (Kind::Fill { .. }, Target::Buffer(at)) => {
                     !limits.runs || self.buffers[at].role != Role::Args
                 }
-                (Work::Fill { .. }, Target::Image(_)) => false,
-                (Work::Dispatch { .. }, _) => true,
+                (Kind::Fill { .. }, Target::Image(_)) => false,
+                (Kind::Dispatch { .. }, _) => true,
             };
             if fits && !taken {
                 binds.push(Bind { what, reads: *reads || draws, writes: true, stage: *stage });
@@ -265,7 +243,7 @@ impl Sketch {
         if binds.is_empty() && !draws {
             return None;
         }
-        let fills = matches!(work, Work::Fill { .. });
+        let fills = matches!(work, Kind::Fill { .. });
         if fills {
             binds.iter_mut().for_each(|bind| bind.reads = false);
         }
@@ -296,7 +274,7 @@ impl Sketch {
     }
 
     /// Returns images of one size that can be drawn to; `None` if there are none.
-    fn targets(&self, wishes: &[(u8, bool)]) -> Option<Vec<(usize, bool)>> {
+    fn targets(&self, wishes: &[(usize, bool)]) -> Option<Vec<(usize, bool)>> {
         let mut targets: Vec<(usize, bool)> = Vec::new();
         for (index, keep) in wishes {
             let free = |at: &usize| {
@@ -305,7 +283,7 @@ impl Sketch {
             };
             let free: Vec<usize> = (0..self.images.len()).filter(free).collect();
             if !free.is_empty() {
-                targets.push((free[*index as usize % free.len()], *keep));
+                targets.push((free[*index % free.len()], *keep));
             }
         }
         (!targets.is_empty()).then_some(targets)
@@ -324,11 +302,11 @@ impl Sketch {
         self.images.push(ImageWish { color: recipe.drawn, size: LARGEST, history: false });
         let output = self.output();
         let work = if recipe.drawn {
-            Work::Draw { targets: vec![(output, false)], strip: false }
+            Kind::Draw { targets: vec![(output, false)], strip: false }
         } else {
             let what = front(Target::Image(output));
             binds.push(Bind { what, reads: false, writes: true, stage: Stage::Fragment });
-            Work::Dispatch { once: false, local: 16 }
+            Kind::Dispatch { once: false, local: 16 }
         };
         let (when, stands) = (When::Always, Stands::InPlace);
         self.passes.push(Pass { work, binds, indirect: None, when, stands, salt: 7, push: false });
@@ -395,7 +373,7 @@ impl Sketch {
                         faults.insert((*at, Fault::Read(number)));
                     }
                 }
-                if let Work::Draw { targets, .. } = &pass.work {
+                if let Kind::Draw { targets, .. } = &pass.work {
                     for (number, (image, keep)) in targets.iter().enumerate() {
                         if *keep && !readable(front(Target::Image(*image)), true) {
                             faults.insert((*at, Fault::Keep(number)));
@@ -417,10 +395,10 @@ impl Sketch {
             let Pass { work, binds, indirect, .. } = &mut self.passes[*at];
             match (fault, work) {
                 (Fault::Indirect, _) => *indirect = None,
-                (Fault::Keep(number), Work::Draw { targets, .. }) => targets[*number].1 = false,
+                (Fault::Keep(number), Kind::Draw { targets, .. }) => targets[*number].1 = false,
                 // A dispatch keeps the binding and only writes it. A draw cannot write without reading, so it loses the
                 // binding.
-                (Fault::Read(number), Work::Dispatch { .. }) if binds[*number].writes => {
+                (Fault::Read(number), Kind::Dispatch { .. }) if binds[*number].writes => {
                     binds[*number].reads = false;
                 }
                 (Fault::Read(number) | Fault::Keep(number), _) => {
