@@ -136,13 +136,6 @@ fn depths_without_pictures_are_shared_in_the_folder_of_the_output() {
     let told = run(&place, &line("depths/"), &[], 0);
     assert!(told.contains("1 done, 2 already there"), "{told}");
     assert!(run(&place, &line("d.npy"), &[], 2).contains("expected a folder with --shard, as in"));
-    // Of many missing views, some are named.
-    let names: Vec<String> = (0..14).map(|view| format!("view-{view}")).collect();
-    place.cameras(&names.iter().map(String::as_str).collect::<Vec<_>>());
-    run(&place, "render scene.ply -c cameras.json --size 8x6 -o many --shard 0/14", &[], 0);
-    let told = run(&place, "merge many", &[], 1);
-    let named = told.lines().filter(|line| line.starts_with("missing: view-")).count();
-    assert!(named == 10 && told.ends_with("missing: 3 more\n"), "{told}");
 }
 
 #[test]

@@ -8,7 +8,6 @@ use crate::io::own_file;
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use serde::de::DeserializeOwned;
-use splatgraph_assets::grouped;
 use std::path::PathBuf;
 
 /// Join the results of a command that several processes shared (--shard), and name missing views
@@ -51,9 +50,6 @@ pub(super) fn prepare(args: &Args) -> Result<Vec<Manifest>> {
     Ok(manifests)
 }
 
-/// Maximum number of missing views to name. An interrupted job can miss thousands.
-const MAX_NAMED: usize = 10;
-
 pub fn run(args: &Args) -> Result<Outcome> {
     let manifests = prepare(args)?;
     let first = &manifests[0];
@@ -73,11 +69,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     }
     say(format!("{} of {} views are present", found.len(), first.views.len()));
-    for (_, name) in missing.iter().take(MAX_NAMED) {
+    for (_, name) in &missing {
         say(format!("missing: {}", one_line(name)));
-    }
-    if let Some(more) = missing.len().checked_sub(MAX_NAMED).filter(|more| *more > 0) {
-        say(format!("missing: {} more", grouped(more as u64)));
     }
     if !found.is_empty() {
         let missing: Vec<usize> = missing.iter().map(|(view, _)| *view).collect();
