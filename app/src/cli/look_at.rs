@@ -191,13 +191,6 @@ impl LookAtArgs {
         }
     }
 
-    pub fn refuse_height(&self, reason: &str) -> Result<(), Usage> {
-        match self.ortho_height {
-            Some(_) => Err(Usage(format!("expected no --ortho-height, found one: {reason}"))),
-            None => Ok(()),
-        }
-    }
-
     /// Computes the circle through the eye around the axis `--up`, in the scene's coordinates.
     ///
     /// Without `--eye`, the first camera has the position of [`Camera::framing_upright`] with the field of view of

@@ -273,8 +273,9 @@ fn motion(
             }
         }));
     };
-    args.look.refuse_height("a path through cameras keeps their scale")?;
-    let keys: Vec<Camera> = loading::in_scene(keys, scene).iter().map(sized).collect();
+    // Converted before the spline: pinholes at equal distances could otherwise have another scale between them.
+    let key = |camera: &Camera| args.look.scaled(sized(camera).projected(graph, scene));
+    let keys = loading::in_scene(keys, scene).iter().map(key).collect::<Result<_, _>>()?;
     let mut path = CameraPath::new(camera_path::length_of_radian(scene));
     path.set_keys(keys)?;
     path.set_closed(args.closed);
