@@ -182,10 +182,11 @@ fn photograph(args: &Args, scene: &Path, folder: &Path) -> Result<Outcome> {
     let paths = photographs(args, folder);
     let framing = Camera::framing(&scene, width, height);
     let around = scene.robust_bounds().center();
-    let start = Camera::looking_at(framing.position, around, 60.0, (width, height));
+    let axis = scene.up();
+    let start = Camera::looking_at_upright(framing.position, around, axis, 60.0, (width, height));
     let zoom = look_at::enlargement(&framing);
     let start = Camera { fx: zoom * start.fx, fy: zoom * start.fy, ..start };
-    let circle = Orbit { start, around, axis: [0.0, -1.0, 0.0] };
+    let circle = Orbit { start, around, axis };
     let mut cameras = look_at::on_circle(&circle, paths.len());
     for (camera, path) in cameras.iter_mut().zip(&paths) {
         camera.img_name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
