@@ -167,7 +167,8 @@ fn shape<R: Read>(path: &Path, npy: &NpyFile<R>) -> Result<((usize, usize), usiz
             return Err(ImageError::new(
                 path,
                 format!(
-                    "expected an array of shape [height, width, 3] or [height, width], found shape {shape:?} ({order:?} order)"
+                    "expected an array of shape [height, width, 3] or [height, width] in C order (numpy.ascontiguousarray), found \
+                     shape {shape:?} in {order:?} order"
                 ),
             ));
         }

@@ -118,16 +118,16 @@ pub enum MetricError {
     },
     /// A picture has NaN or infinite values.
     #[error(
-        "expected finite values, found NaN or infinity in {which}: {count} in all, the first at ({x}, {y})"
+        "expected finite values, found NaN or infinity in {which}, at {count} pixels, the first ({x}, {y})"
     )]
     NotFinite {
         /// `the first picture` or `the second picture`.
         which: &'static str,
-        /// Number of values that are not finite.
+        /// Number of pixels with a value that is not finite.
         count: usize,
-        /// Column of the first such value, from 0.
+        /// Column of the first such pixel, from 0.
         x: usize,
-        /// Row of the first such value, from 0.
+        /// Row of the first such pixel, from 0.
         y: usize,
     },
 }
@@ -159,7 +159,7 @@ pub fn comparable(a: ImageRef, b: ImageRef) -> Result<(), MetricError> {
     for (which, image) in [("the first picture", a), ("the second picture", b)] {
         let is_bad = |pixel: [f64; 3]| pixel.iter().any(|value| !value.is_finite());
         if let Some(first) = image.pixels().position(is_bad) {
-            let count = image.pixels().flatten().filter(|value| !value.is_finite()).count();
+            let count = image.pixels().filter(|pixel| is_bad(*pixel)).count();
             return Err(MetricError::NotFinite {
                 which,
                 count,
