@@ -1,7 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Finds the normal of every splat: its shortest axis in world space, facing the camera; of equally short axes, the first.
+// Finds the normal of every splat: its shortest axis in world space, facing the camera (against the view direction in an
+// orthographic view); of equally short axes, the first.
 
 #include "camera.glsl"
 #include "groups.glsl"
@@ -38,6 +39,10 @@ void main() {
     if (s.z < shortest) {
         normal = axes[2];
     }
+#if PARALLEL
+    // The view's z axis.
+    vec3 from_camera = vec3(camera.view[0].z, camera.view[1].z, camera.view[2].z);
+#else
     Position3 p = position[i];
 #if SCENE_WIDE
     vec3 low = vec3(p.low_x, p.low_y, p.low_z);
@@ -45,5 +50,6 @@ void main() {
     const vec3 low = vec3(0.0);
 #endif
     vec3 from_camera = (vec3(p.x, p.y, p.z) - camera.position.xyz) + (low - camera.position_low.xyz);
+#endif
     normals[i] = vec4(dot(normal, from_camera) > 0.0 ? -normal : normal, 0.0);
 }

@@ -8,7 +8,7 @@ use splatgraph::draw::outputs::{self, NAMES, Output};
 use splatgraph::draw::planner::Planner;
 use splatgraph::draw::session::Session;
 use splatgraph::draw::truth::{Truth, rules};
-use splatgraph_assets::{Camera, Scene, synth};
+use splatgraph_assets::{Camera, Projection, Scene, synth};
 use splatgraph_reference::Rules;
 use std::sync::Arc;
 
@@ -135,6 +135,30 @@ fn alpha_depths_normals_and_ranks_are_those_of_the_exact_renderer() {
         }
         common::assert_silent(session.device(), name);
     }
+}
+
+#[test]
+fn normals_of_an_orthographic_view_are_the_same_wherever_on_its_axis_the_camera_is() {
+    let scene = Arc::new(synth::generate("uniform", 500, 5).expect("it is generated"));
+    let middle = scene.bounds().center();
+    // The nearer camera is close to splats that it sees from the side.
+    let cameras = [12.0, 2000.0].map(|distance| {
+        let eye = [middle[0], middle[1], middle[2] - distance];
+        let pinhole = Camera::looking_at(eye, middle, 60.0, (160, 90));
+        Camera { projection: Projection::Orthographic, fx: 12.0, fy: 12.0, ..pinhole }
+    });
+    let mut session = Session::new(common::device(), scene.clone(), "splat", &[]);
+    let normals = cameras.each_ref().map(|camera| {
+        let rules = Rules::of_view(&scene, camera);
+        let truth = Truth::draw(&scene, camera, [0.2, 0.4, 0.6], &rules).unwrap();
+        for graph in EXACT_TILES {
+            let found = drawn(&mut session, camera, graph, &[("projection", "orthographic")]);
+            compare("orthographic", graph, &found, &truth);
+        }
+        truth.output("normal").expect("an output")
+    });
+    let off = differing(&normals[0], &normals[1], &[true; 160 * 90]);
+    assert!(off <= 14, "{off} pixels differ");
 }
 
 #[test]

@@ -16,7 +16,7 @@ use crate::order::{self, View};
 use crate::rules::{Extent, LowPass, Rules};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
-use splatgraph_assets::Camera;
+use splatgraph_assets::{Camera, Projection};
 
 /// Side of a tile of the rasteriser, in pixels (`BLOCK_X` and `BLOCK_Y` of its config.h).
 pub(crate) const TILE: u32 = 16;
@@ -220,7 +220,10 @@ impl<'a> Projector<'a> {
         let [a, b, c] = splat.scale;
         let shortest = if c < a.min(b) { 2 } else { usize::from(b < a) };
         let axis = rotation(splat).col(shortest);
-        let from_camera = DVec3::from(splat.position) - DVec3::from(self.camera.position);
+        let from_camera = match self.camera.projection {
+            Projection::Orthographic => self.view.rotation.row(2),
+            _ => DVec3::from(splat.position) - DVec3::from(self.camera.position),
+        };
         let towards_camera = if axis.dot(from_camera) > 0.0 { -axis } else { axis };
         towards_camera.into()
     }

@@ -4,7 +4,7 @@
 //! 59f5f77). The table [`RULES`] lists names, published values and sources; [`Rules::set`] changes a rule by its name.
 
 use serde::Serialize;
-use splatgraph_assets::{Camera, Filter, Scene, SortKey};
+use splatgraph_assets::{Camera, Filter, Projection, Scene, SortKey};
 use std::str::FromStr;
 
 /// All rules in which renderers of a scene can differ. Lengths on the image are in pixels.
@@ -82,11 +82,16 @@ impl Rules {
         rules
     }
 
-    /// Returns the published rules, adapted to the scene ([`Rules::of`]) and to the camera: if it
-    /// [sees behind itself](splatgraph_assets::Projection::sees_behind), splats are sorted by distance.
+    /// Returns the published rules, adapted to the scene ([`Rules::of`]) and to the camera: splats are sorted by distance if it
+    /// [sees behind itself](splatgraph_assets::Projection::sees_behind), and by view depth if it is orthographic.
     pub fn of_view(scene: &Scene, camera: &Camera) -> Rules {
         let rules = Rules::of(scene);
-        if camera.projection.sees_behind() { Rules { key_of: KeyOf::Distance, ..rules } } else { rules }
+        let key_of = match camera.projection {
+            Projection::Orthographic => KeyOf::Depth,
+            projection if projection.sees_behind() => KeyOf::Distance,
+            _ => rules.key_of,
+        };
+        Rules { key_of, ..rules }
     }
 
     /// Changes the rule of this name (see [`RULES`]). Numbers are rounded to f32, the rasteriser's type.
