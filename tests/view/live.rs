@@ -85,27 +85,6 @@ fn an_edited_shader_is_shown_and_no_frame_is_lost_on_the_way() {
 }
 
 #[test]
-fn a_mistake_in_a_graph_is_told_at_its_place_and_the_last_good_picture_stays_until_it_is_mended() {
-    let mut viewer = drawing("splat", &[]);
-    let before = viewer.picture(RendererId::A);
-    let good = viewer.place.text("pipelines/splat.ron");
-    viewer
-        .place
-        .write("pipelines/splat.ron", good.replace("\"Splats\": \"splats\"", "\"Splats\": \"splatz\""));
-    let text = next_failure(&mut viewer);
-    assert!(
-        text.contains("there is no resource `splatz`") && text.contains("pipelines/splat.ron:"),
-        "{text}"
-    );
-    assert!(text.contains("^^^^^^ not declared") && text.contains("did you mean `splats`?"), "{text}");
-    assert_eq!(viewer.picture(RendererId::A).rgb, before.rgb);
-    viewer.place.write("pipelines/splat.ron", good);
-    viewer.event("the mending", |event| matches!(event, Event::Mended { renderer: RendererId::A }));
-    assert_eq!(viewer.picture(RendererId::A).rgb, before.rgb);
-    viewer.close();
-}
-
-#[test]
 fn the_digit_width_changes_while_it_runs_and_the_picture_does_not_flicker() {
     let mut viewer = drawing("splat", &[("sorter", "serial"), ("key_bits", "32")]);
     let before = viewer.picture(RendererId::A);
@@ -305,22 +284,6 @@ fn cameras_follow_the_scene_to_its_origin_whichever_is_read_first() {
     viewer.shell.viewer.open(&cameras);
     viewer.event("the cameras", |event| matches!(event, Event::Cameras { .. }));
     assert_eq!(viewer.shell.viewer.cameras[0].position, local.position);
-    viewer.close();
-}
-
-#[test]
-fn what_the_last_frame_left_lives_on_when_a_shader_is_reloaded() {
-    let mut viewer = drawing("stale_order", &[]);
-    viewer.frames(3);
-    let before = viewer.picture(RendererId::A);
-    assert!(shows_something(&before));
-    viewer.place.edit("shaders/compose.comp", "void main() {", "void main() {\n    // another text\n");
-    let seen = viewer.events.len();
-    // The graph draws in the order of the previous frame. If the order were lost, a frame would be black.
-    while viewer.events[seen..].iter().all(|event| !matches!(event, Event::Swapped { .. })) {
-        assert_eq!(viewer.picture(RendererId::A).rgb, before.rgb);
-    }
-    assert_eq!(viewer.picture(RendererId::A).rgb, before.rgb);
     viewer.close();
 }
 

@@ -19,7 +19,6 @@ fn a_person_uses_the_window() {
     let first = program.still();
     assert!(first.rgb.iter().any(|pixel| pixel.iter().any(|v| *v > 50)), "the view is empty");
     parameters(&mut program, &first);
-    presets(&mut program, &first);
     camera(&mut program, &first);
     mistakes(&mut program, &first);
     comparisons(&mut program, &first);
@@ -127,21 +126,6 @@ fn parameters(program: &mut Program, first: &Pixels) {
     program.settle();
     program.view_is("the same picture with defaults", first);
     assert!(unsorted != *first);
-}
-
-fn presets(program: &mut Program, first: &Pixels) {
-    let since = program.now();
-    program.click("graph");
-    program.click("preset:unsorted");
-    let swapped = program.swapped(since, "a", "another graph");
-    assert_eq!(swapped["graph"], "unsorted");
-    program.view_is_not("the unsorted picture", first);
-    let since = program.now();
-    program.click("graph");
-    program.click("preset:pipelines/splat.ron");
-    let swapped = program.swapped(since, "a", "another graph");
-    assert_eq!(swapped["graph"], "pipelines/splat.ron");
-    program.view_is("the graph of the file again", first);
 }
 
 /// Clicks the field of the scale, and opens its menu before if necessary.

@@ -358,44 +358,6 @@ fn a_graph_with_a_history_is_drawn_all_the_time() {
 }
 
 #[test]
-fn an_edit_without_effect_on_the_plan_keeps_the_plan_on_the_device() {
-    let mut script = resting();
-    let graph = script.path("graph.ron");
-    let text = std::fs::read_to_string(&graph).expect("the graph");
-    let mut save = |text: &str| {
-        script.events.clear();
-        std::fs::write(&graph, text).expect("it is written");
-        let swap = |event: &Event| match event {
-            Event::Swapped { renderer: RendererId::A, swap } => Some((swap.same_plan, event.to_string())),
-            _ => None,
-        };
-        script.until("the save", |script| script.events.iter().any(|event| swap(event).is_some()));
-        let line = script.viewer().a.renderer.plan().expect("a plan").passes[0].origin.line;
-        let (same, text) = script.events.iter().find_map(swap).expect("it was swapped");
-        assert_eq!(text.ends_with("graph.ron: the same plan"), same, "{text}");
-        (same, line)
-    };
-    let other = text.replace("default: 4, range: (1, 8)", "default: 5, range: (1, 8)");
-    let (same, line) = save(&other);
-    assert!(!same);
-    assert_eq!(save(&format!("// A comment.\n{other}")), (true, line + 1));
-    script.close(&[]);
-}
-
-#[test]
-fn what_is_asked_for_all_the_time_is_drawn_all_the_time() {
-    let mut script = resting();
-    script.viewer().continuous = true;
-    for _ in 0..20 {
-        assert!(script.frame(false).is_some_and(|frame| frame.drawn && frame.next.is_some()));
-    }
-    assert_eq!(script.submissions(), 40);
-    script.viewer().continuous = false;
-    script.rest();
-    script.close(&[]);
-}
-
-#[test]
 fn the_window_is_drawn_while_a_device_of_the_scene_hangs() {
     let mut script = Script::open_in(arranged(), &Config::default(), true);
     script.viewer().continuous = false;

@@ -144,21 +144,6 @@ fn the_parameters_scroll_to_the_one_that_has_the_keyboard_focus() {
 }
 
 #[test]
-fn a_decimal_comma_sets_a_parameter_and_what_is_no_number_is_told() {
-    let mut script = window(&[Tool::Parameters]);
-    for (text, told) in [("0,25", false), ("1e-1x", true)] {
-        click(&mut script, "param:shade#");
-        script.input = vec![egui::Event::Text(text.to_owned())];
-        script.frame(false);
-        script.press(Key::Enter, Modifiers::NONE);
-        script.frame(false);
-        assert_eq!(script.viewer().a.renderer.set()["shade"], "0.25");
-        assert_eq!(script.panels().controls.find("toast").is_some(), told, "{text}");
-    }
-    script.close(&[]);
-}
-
-#[test]
 fn a_path_plays_on_while_the_split_line_is_dragged() {
     let mut script = window(&[]);
     script.viewer().choose_compare(Mode::Split);
@@ -310,36 +295,6 @@ fn another_graph_keeps_the_settings_that_it_has_and_reports_the_others() {
 }
 
 #[test]
-fn the_effect_of_a_constant_stays_when_the_event_of_its_newest_plan_comes_later() {
-    let mut script = window(&[Tool::Parameters]);
-    let graph = script.path("graph.ron");
-    let pass = "Dispatch(name: \"again\", when: \"digits > 4\", shader: \"shade.comp\", size: Threads(64), \
-                bind: { \"Keys\": \"keys\", \"color\": \"color\" }),\n  ],\n  stats";
-    let text = std::fs::read_to_string(&graph).unwrap().replace("],\n  stats", pass);
-    std::fs::write(&graph, text).unwrap();
-    let swapped = |event: &Event| matches!(event, Event::Swapped { .. });
-    script.events.clear();
-    script.until("the graph", |script| script.has_event(swapped));
-    script.settle();
-    script.events.clear();
-    script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
-    script.until("the effect", |script| script.panels().effect().is_some());
-    script.settle();
-    let effect = script.panels().effect().map(str::to_owned);
-    assert!(effect.as_ref().is_some_and(|text| text.starts_with("4 → 5 passes")), "{effect:?}");
-    // After a drag, the events of several plans come when only the last plan is drawn.
-    let event = script
-        .events
-        .iter()
-        .find(|event| matches!(event, Event::Swapped { swap, .. } if !swap.parameters().is_empty()));
-    let event = event.expect("the plan is reported").clone();
-    script.panels().log_event(&event);
-    script.frame(false);
-    assert_eq!(script.panels().effect().map(str::to_owned), effect);
-    script.close(&[]);
-}
-
-#[test]
 fn a_key_of_a_tool_shows_it_while_the_tools_are_hidden() {
     let mut script = window(&[Tool::Parameters]);
     script.panels().hidden = true;
@@ -450,14 +405,6 @@ fn the_status_line_is_silent_about_a_hidden_b() {
     script.viewer().choose_compare(Mode::A);
     script.until("A alone", |script| script.panels().controls.find("problem:B").is_none());
     assert!(script.panels().controls.find("problem:A").is_some());
-}
-
-#[test]
-fn a_graph_that_fails_is_named_in_the_status_line() {
-    let mut script = window(&[Tool::Parameters]);
-    assert_eq!(script.panels().controls.find("problem:A"), None);
-    std::fs::write(script.path("graph.ron"), "Graph(").unwrap();
-    script.until("the error", |script| script.panels().controls.find("problem:A").is_some());
 }
 
 #[test]

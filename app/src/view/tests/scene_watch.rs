@@ -105,29 +105,6 @@ fn splats_of_an_unchanged_scene_stay_hidden_when_its_list_is_loaded_again_and_a_
 }
 
 #[test]
-fn a_file_of_scenes_that_was_missing_or_began_with_a_mistake_is_shown_again_from_where_the_camera_is() {
-    let (mut script, write) = opened("Scenes([Scene(file: \"first.ply\")])");
-    script.until("the file", |script| script.viewer().scene_path().ends_with("both.ron"));
-    assert!(script.viewer().navigate(&drag()));
-    let camera = script.viewer().world_camera();
-    let failures = |script: &Script| {
-        script.events.iter().filter(|event| matches!(event, Event::SceneFailed { .. })).count()
-    };
-
-    fs::remove_file(script.path("both.ron")).expect("removed");
-    script.until("the missing file", |script| failures(script) == 1);
-    write("Scenes([Scene(file: \"second.ply\")])");
-    script.until("the file that came back", |script| script.viewer().scene().count() == 200);
-    write("Scens([Scene(file: \"first.ply\")])");
-    script.until("the mistake", |script| failures(script) == 2);
-    write("Scenes([Scene(file: \"first.ply\")])");
-    script.until("the mended file", |script| script.viewer().scene().count() == 100);
-    let after = script.viewer().world_camera();
-    assert!((0..3).all(|axis| (after.position[axis] - camera.position[axis]).abs() < 1e-9), "{after:?}");
-    script.close(&[]);
-}
-
-#[test]
 fn a_file_of_scenes_is_followed_while_it_is_on_the_screen_although_another_scene_was_opened_and_failed() {
     let (mut script, write) = opened("Scenes([Scene(file: \"first.ply\")])");
     script.until("the file", |script| script.viewer().scene_path().ends_with("both.ron"));
@@ -191,16 +168,6 @@ fn a_file_of_scenes_that_was_saved_after_it_was_read_and_before_it_was_watched_i
     let stale = Wanted { path: script.path("both.ron"), content: Content::Missing };
     script.viewer().set_files_read(vec![stale]);
     script.until("the other load", |script| loads(script) > before);
-    script.close(&[]);
-}
-
-#[test]
-fn a_file_of_scenes_that_is_saved_while_it_is_loaded_is_loaded_again() {
-    let (mut script, write) = opened("Scenes([Scene(file: \"first.ply\")])");
-    write("Scenes([Scene(file: \"second.ply\")])");
-    // The load has ended and the change was noticed before the next frame.
-    std::thread::sleep(Duration::from_millis(300));
-    script.until("the saved file", |script| script.viewer().scene().count() == 200);
     script.close(&[]);
 }
 
