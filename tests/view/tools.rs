@@ -70,6 +70,12 @@ fn a_change_of_the_digit_width_says_what_it_did_to_the_plan() {
     until_measured(&mut viewer);
     viewer.frame();
     assert!(viewer.shell.panels.controls.find("effect:digit_bits").is_some());
+    let effect = |event: &Event| match event {
+        Event::Swapped { renderer: RendererId::A, swap } => swap.effect.clone(),
+        _ => None,
+    };
+    let effect = viewer.events.iter().find_map(effect).expect("the sort has other passes");
+    assert!(effect.contains(" passes: sort "), "{effect}");
     let renderer = &mut viewer.shell.viewer.a.renderer;
     renderer.set_param("cull_margin", Some(Value::Float(0.5)));
     renderer.reset_params();

@@ -6,10 +6,11 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 /// Renderer that an event concerns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RendererId {
     /// The first renderer: its picture fills the view, is left of the split line, or has B's subtracted from it.
+    #[default]
     A,
     /// The renderer that A is compared with: its picture is right of the split line, or subtracted from A's.
     B,
@@ -156,6 +157,10 @@ pub struct Swap {
     pub causes: Causes,
     /// Number of passes in the new plan's frame.
     pub passes: usize,
+    /// Difference from the plan of the former frame, such as `63 → 75 passes: sort 12 → 24`. `None` if each phase has as
+    /// many passes as before.
+    #[serde(skip)]
+    pub effect: Option<String>,
     /// True if the files or parameters changed, but not the commands. The device keeps its buffers and images, so that a
     /// simulation continues.
     pub same_plan: bool,
@@ -337,7 +342,7 @@ impl fmt::Display for Event {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
             Event::Swapped { renderer, swap } => {
-                let Swap { graph, causes, passes, same_plan, plan_ms, prepare_ms, latency_ms } = swap;
+                let Swap { graph, causes, passes, same_plan, plan_ms, prepare_ms, latency_ms, .. } = swap;
                 if *same_plan {
                     return write!(f, "{renderer}: {graph} after {causes}: the same plan");
                 }

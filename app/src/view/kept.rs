@@ -72,7 +72,7 @@ mod tests {
     fn the_arrangement_of_the_window_is_there_again_at_the_next_start() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("new/window.json");
-        let (mut panels, ctx) = (Panels::default(), Context::default());
+        let (mut panels, ctx) = (Panels::new(), Context::default());
         assert_eq!(restore(&path, &mut panels, &ctx), Ok(()), "nothing was kept before the first start");
         assert!(!panels.is_restored());
         panels.open_tools(&[Tool::Timeline, Tool::Inspector]);
@@ -80,19 +80,19 @@ mod tests {
         ctx.set_theme(Theme::Light);
         keep(&path, &panels, &ctx).unwrap();
         ctx.set_theme(Theme::Dark);
-        let mut next = Panels::default();
+        let mut next = Panels::new();
         assert_eq!(restore(&path, &mut next, &ctx), Ok(()));
         assert_eq!(ctx.theme(), Theme::Light);
         let all = |panels: &Panels| serde_json::to_value(panels.arrangement(&ctx)).unwrap();
         assert_eq!(all(&next), all(&panels));
-        assert_ne!(all(&next), all(&Panels::default()));
+        assert_ne!(all(&next), all(&Panels::new()));
     }
 
     #[test]
     fn a_file_that_cannot_be_used_is_told_and_changes_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("window.json");
-        let (mut panels, ctx) = (Panels::default(), Context::default());
+        let (mut panels, ctx) = (Panels::new(), Context::default());
         let before = serde_json::to_value(panels.arrangement(&ctx)).unwrap();
         keep(&path, &panels, &ctx).unwrap();
         let sound = fs::read_to_string(&path).unwrap();

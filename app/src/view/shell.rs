@@ -128,7 +128,7 @@ impl Shell {
         viewer.to_host = !viewer.a.renderer.device().is_some_and(|device| device.shares_device(&canvas));
         Ok(Shell {
             viewer,
-            panels: Panels::default(),
+            panels: Panels::new(),
             ctx,
             painter: Painter::default(),
             canvas: Renderer::new(RendererId::Window, canvas, Choice::new(graph, &[]), wake)?,

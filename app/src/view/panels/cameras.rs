@@ -1,10 +1,10 @@
 //! Draws the cameras tool: field of view or orthographic scale, saved views and the keyframe path. The tool also copies
 //! the camera as JSON and the picture as a command line.
 
-use super::controls::{Command, Controls};
+use super::controls::{Command, request};
 use super::number::{NumberField, Scale};
 use super::theme::{self, GRID, ROW};
-use super::widgets::{fact, heading, hint};
+use super::widgets::{Control as _, fact, heading};
 use crate::draw::camera_path::SECONDS;
 use crate::view::cameras::write;
 use crate::view::events::{Event, RendererId};
@@ -23,53 +23,53 @@ enum Act {
 }
 
 /// Draws the tool. The copied command line is that of the viewport `selected`.
-pub fn show(ui: &mut Ui, viewer: &mut Viewer, selected: RendererId, controls: &mut Controls) {
+pub fn show(ui: &mut Ui, viewer: &mut Viewer, selected: RendererId) {
     match viewer.picture_camera().projection {
-        Projection::Orthographic => scale(ui, viewer, controls),
+        Projection::Orthographic => scale(ui, viewer),
         Projection::Equirectangular => {
             ui.label("Panorama, 360 by 180 degrees");
             let text = "Drag with the right button to look around. Pictures have the panel's shape. Players \
                         expect 2:1: change --size in the copied command.";
             ui.weak(text);
         }
-        _ => field_of_view(ui, viewer, controls),
+        _ => field_of_view(ui, viewer),
     }
     ui.horizontal_wrapped(|ui| {
-        if hint(
-            controls.seen("copy_camera", ui.button("Copy as JSON")),
-            "The camera in the world's coordinates, as in a cameras.json",
-        )
-        .clicked()
+        if ui
+            .button("Copy as JSON")
+            .named("copy_camera")
+            .hint("The camera in the world's coordinates, as in a cameras.json")
+            .clicked()
         {
             let camera = viewer.world_camera();
             ui.copy_text(serde_json::to_string_pretty(&[camera]).unwrap_or_default());
         }
-        let command = controls.seen("copy_command", ui.button("Copy as command"));
-        if hint(command, "The `splatgraph render` command that draws this picture").clicked()
+        let command = ui.button("Copy as command").named("copy_command");
+        if command.hint("The `splatgraph render` command that draws this picture").clicked()
             && let Some(line) = viewer.render_command(selected, Path::new("picture.png"))
         {
             ui.copy_text(line);
         }
     });
-    views(ui, viewer, controls);
-    path(ui, viewer, controls);
+    views(ui, viewer);
+    path(ui, viewer);
 }
 
-fn field_of_view(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
+fn field_of_view(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
         ui.set_min_height(ROW);
         ui.label("Field of view, vertical");
         let scale = Scale { step: 0.5, ..FIELDS_OF_VIEW.into() };
         let field = NumberField { suffix: "°", ..NumberField::new("field_of_view", "Field of view", scale) };
         let (degrees, width) = (viewer.navigation.field_of_view(), ui.available_width());
-        if let Some(degrees) = field.show_with_slider(ui, degrees, width, controls) {
+        if let Some(degrees) = field.show_with_slider(ui, degrees, width) {
             viewer.navigation.set_field_of_view(degrees);
         }
     });
 }
 
 /// Draws the scale of an orthographic view: its height, and the size of a pixel.
-fn scale(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
+fn scale(ui: &mut Ui, viewer: &mut Viewer) {
     let rows = f64::from(viewer.picture_camera().height.max(1));
     for (name, label, rows) in
         [("view_height", "Height of the view", 1.0), ("pixel_size", "Units per pixel", rows)]
@@ -80,31 +80,31 @@ fn scale(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
             let value = viewer.navigation.height() / rows;
             let scale = Scale { min: f64::MIN_POSITIVE, max: f64::INFINITY, step: 0.0 };
             let field = NumberField { speed: 0.002 * value, ..NumberField::new(name, label, scale) };
-            if let (_, Some(value)) = field.show(ui, value, controls) {
+            if let (_, Some(value)) = field.show(ui, value) {
                 viewer.navigation.set_height(value * rows);
             }
         });
     }
 }
 
-fn views(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
+fn views(ui: &mut Ui, viewer: &mut Viewer) {
     heading(ui, "Saved views");
     // Above the list: below it, a new row would move under the pointer, and a second click would remove the view.
     ui.horizontal_wrapped(|ui| {
-        if controls.seen("save_view", ui.button("Save this view")).clicked() {
+        if ui.button("Save this view").named("save_view").clicked() {
             viewer.save_view("view");
         }
-        write_button(ui, viewer, controls, "views", |viewer| viewer.views.list());
-        read_button(ui, CameraRole::Views, "Adds the cameras of a cameras.json", controls);
+        write_button(ui, viewer, "views", |viewer| viewer.views.list());
+        read_button(ui, CameraRole::Views, "Adds the cameras of a cameras.json");
     });
     let mut act = None;
     for (index, view) in viewer.views.list().iter().enumerate() {
         ui.horizontal(|ui| {
-            let go = controls.seen(&format!("view:{index}"), ui.add(Button::new(&view.img_name).truncate()));
+            let go = ui.add(Button::new(&view.img_name).truncate()).named(&format!("view:{index}"));
             if go.clicked() {
                 act = Some((index, Act::Go));
             }
-            if hint(ui.small_button("✗"), "Remove this view").clicked() {
+            if ui.small_button("✗").hint("Remove this view").clicked() {
                 act = Some((index, Act::Remove));
             }
         });
@@ -116,14 +116,14 @@ fn views(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
     }
 }
 
-fn path(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
+fn path(ui: &mut Ui, viewer: &mut Viewer) {
     heading(ui, "Path");
     ui.horizontal_wrapped(|ui| {
-        if controls.seen("record_key", ui.button("Add this view (K)")).clicked() {
+        if ui.button("Add this view (K)").named("record_key").clicked() {
             record(viewer);
         }
-        write_button(ui, viewer, controls, "path", |viewer| viewer.path.keys());
-        read_button(ui, CameraRole::Path, "Replaces the keys by the cameras of a cameras.json", controls);
+        write_button(ui, viewer, "path", |viewer| viewer.path.keys());
+        read_button(ui, CameraRole::Path, "Replaces the keys by the cameras of a cameras.json");
     });
     let times = viewer.path.key_seconds();
     let mut act = None;
@@ -131,18 +131,18 @@ fn path(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
     for index in 0..count {
         ui.horizontal(|ui| {
             let seconds = times.get(index).copied().unwrap_or(0.0);
-            let go = controls.seen(&format!("key:{index}"), ui.button(format!("Keyframe {}", index + 1)));
+            let go = ui.button(format!("Keyframe {}", index + 1)).named(&format!("key:{index}"));
             if go.clicked() {
                 act = Some((index, Act::Go));
             }
             ui.weak(format!("{seconds:.1} s"));
-            if hint(ui.add_enabled(index > 0, Button::new("↑")), "Earlier").clicked() {
+            if ui.add_enabled(index > 0, Button::new("↑")).hint("Earlier").clicked() {
                 act = Some((index, Act::Up));
             }
-            if hint(ui.add_enabled(index + 1 < count, Button::new("↓")), "Later").clicked() {
+            if ui.add_enabled(index + 1 < count, Button::new("↓")).hint("Later").clicked() {
                 act = Some((index, Act::Down));
             }
-            if hint(ui.small_button("✗"), "Remove this keyframe").clicked() {
+            if ui.small_button("✗").hint("Remove this keyframe").clicked() {
                 act = Some((index, Act::Remove));
             }
         });
@@ -160,7 +160,7 @@ fn path(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
     }
     ui.horizontal(|ui| {
         let text = if viewer.play.is_playing() { "Pause (P)" } else { "Play (P)" };
-        let play = controls.seen("play", ui.button(text));
+        let play = ui.button(text).named("play");
         if play.clicked() {
             toggle(viewer);
         }
@@ -170,14 +170,14 @@ fn path(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
         }
         let field = NumberField::new("path_seconds", "Length of the path", SECONDS);
         let field = NumberField { speed: 0.1, suffix: " s", ..field };
-        if let (_, Some(seconds)) = field.show(ui, viewer.path.seconds(), controls) {
+        if let (_, Some(seconds)) = field.show(ui, viewer.path.seconds()) {
             viewer.path.set_seconds(seconds);
         }
     });
     let mut at = viewer.play.position();
     ui.spacing_mut().slider_width = (ui.available_width() - 2.0 * GRID).max(60.0);
     let seek = Slider::new(&mut at, 0.0..=viewer.path.seconds()).show_value(false);
-    let seek = controls.seen("seek", ui.add(seek.clamping(egui::SliderClamping::Never)));
+    let seek = ui.add(seek.clamping(egui::SliderClamping::Never)).named("seek");
     if seek.changed() {
         viewer.seek_path(at);
     }
@@ -185,22 +185,16 @@ fn path(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
     fact(ui, "Speed", "constant, rotation included");
 }
 
-fn read_button(ui: &mut Ui, role: CameraRole, about: &str, controls: &mut Controls) {
-    if hint(ui.button("Read a file…"), about).clicked() {
-        controls.commands.push(Command::OpenCameras(role));
+fn read_button(ui: &mut Ui, role: CameraRole, about: &str) {
+    if ui.button("Read a file…").hint(about).clicked() {
+        request(ui.ctx(), Command::OpenCameras(role));
     }
 }
 
-fn write_button(
-    ui: &mut Ui,
-    viewer: &mut Viewer,
-    controls: &mut Controls,
-    stem: &str,
-    cameras: fn(&Viewer) -> &[Camera],
-) {
+fn write_button(ui: &mut Ui, viewer: &mut Viewer, stem: &str, cameras: fn(&Viewer) -> &[Camera]) {
     let button = ui.add_enabled(!cameras(viewer).is_empty(), Button::new("Write a file"));
-    let button = controls.seen(&format!("write_{stem}"), button);
-    if hint(button, format!("Writes {stem}-1.cameras.json, or the next free name")).clicked() {
+    let button = button.named(&format!("write_{stem}"));
+    if button.hint(format!("Writes {stem}-1.cameras.json, or the next free name")).clicked() {
         let event = match write(cameras(viewer), &viewer.folder, stem) {
             Ok(path) => {
                 let written = cameras(viewer).to_vec();

@@ -1,10 +1,9 @@
 //! Shows the contents of a resource after a pass: numbers, a histogram, an image, and the order of sorted keys.
 
-use super::controls::Controls;
 use super::number::{NumberField, Scale};
 use super::selection::Selection;
 use super::theme::Palette;
-use super::widgets::hint;
+use super::widgets::Control as _;
 use crate::draw::inspect::{Finding, ReadAs, sorted_keys};
 use crate::view::viewport::{Inspection, Viewport};
 use egui::style::ScrollAnimation;
@@ -16,7 +15,6 @@ use splatgraph_framework::plan::Plan;
 /// Shared state that the inspector reads and changes while it draws.
 pub struct Target<'a> {
     pub selection: &'a mut Option<Selection>,
-    pub controls: &'a mut Controls,
     /// The device's copy limit in 10^9 bytes per second, reads plus writes; `None` before it is measured.
     pub copy_limit: Option<f64>,
     /// True while the copy limit is being measured; set to true to start.
@@ -49,16 +47,15 @@ impl State {
     pub fn show(&mut self, ui: &mut Ui, viewport: &mut Viewport, plan: &Plan, target: &mut Target) {
         ui.horizontal_wrapped(|ui| {
             let sorted = sorted_keys(plan);
-            let keys = target
-                .controls
-                .seen("keys_sorted", ui.add_enabled(sorted.is_some(), Button::new("Are the keys sorted?")));
+            let keys =
+                ui.add_enabled(sorted.is_some(), Button::new("Are the keys sorted?")).named("keys_sorted");
             let text = match &sorted {
                 Some((resource, pass)) => {
                     format!("Read {resource} back after {pass} and check that the keys ascend")
                 }
                 None => "No pass of this plan writes sort keys (`keys` or `*_keys`)".to_owned(),
             };
-            if hint(keys, text).clicked()
+            if keys.hint(text).clicked()
                 && let Some((resource, pass)) = sorted
             {
                 viewport.look_at(&resource, &pass);
@@ -66,8 +63,8 @@ impl State {
             if let Some(Selection::Resource(name)) = target.selection.as_ref()
                 && let Some(pass) = last_writer(plan, name)
             {
-                let read = target.controls.seen("contents", ui.button("Contents"));
-                if hint(read, format!("Read {name} back after {pass}, which writes it last")).clicked() {
+                let read = ui.button("Contents").named("contents");
+                if read.hint(format!("Read {name} back after {pass}, which writes it last")).clicked() {
                     viewport.look_at(name, &pass);
                 }
             }
@@ -96,7 +93,7 @@ impl State {
             }
             Some(Ok(finding)) => {
                 ui.weak(format!("read in frame {} of {submitted}", inspection.frame));
-                self.finding(ui, finding, number, target.controls);
+                self.finding(ui, finding, number);
             }
         }
         // A result below the visible part would look as if the button had no effect.
@@ -108,7 +105,7 @@ impl State {
         }
     }
 
-    fn finding(&mut self, ui: &mut Ui, finding: &Finding, number: u64, controls: &mut Controls) {
+    fn finding(&mut self, ui: &mut Ui, finding: &Finding, number: u64) {
         if let Some(order) = &finding.order {
             let palette = Palette::of(ui);
             let colour = if order.ascending { palette.good } else { palette.error };
@@ -142,7 +139,7 @@ impl State {
             self.picture(ui, finding, number);
         }
         self.histogram(ui, finding, per_element);
-        self.numbers(ui, finding, per_element, elements, controls);
+        self.numbers(ui, finding, per_element, elements);
     }
 
     fn read_as(&self, finding: &Finding) -> ReadAs {
@@ -210,14 +207,7 @@ impl State {
         ui.weak(text);
     }
 
-    fn numbers(
-        &mut self,
-        ui: &mut Ui,
-        finding: &Finding,
-        per_element: usize,
-        elements: usize,
-        controls: &mut Controls,
-    ) {
+    fn numbers(&mut self, ui: &mut Ui, finding: &Finding, per_element: usize, elements: usize) {
         let last = elements.saturating_sub(LINES);
         ui.horizontal(|ui| {
             if ui.button("first").clicked() {
@@ -226,7 +216,7 @@ impl State {
             let scale = Scale { min: 0.0, max: last as f64, step: 1.0 };
             let field = NumberField::new("inspect:first", "First element", scale);
             let field = NumberField { speed: 1.0, prefix: "from ", ..field };
-            if let (_, Some(first)) = field.show(ui, self.first as f64, controls) {
+            if let (_, Some(first)) = field.show(ui, self.first as f64) {
                 self.first = first as usize;
             }
             if ui.button("last").clicked() {

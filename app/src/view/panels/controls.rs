@@ -1,7 +1,9 @@
 //! Defines the panels' requests to the window, and the positions of the controls.
+//!
+//! While the panels are drawn, both are collected in egui's context.
 
 use crate::view::opening::CameraRole;
-use egui::{Rect, Response};
+use egui::{Context, Id, Rect};
 use splatgraph_framework::ir::Origin;
 use std::collections::BTreeMap;
 
@@ -26,7 +28,7 @@ pub enum Command {
     Edit(Origin),
 }
 
-/// Positions of the last frame's controls, in points, for scripted input; and the user's requests.
+/// Positions of a frame's controls, in points, for scripted input; and the user's requests.
 #[derive(Clone, Debug, Default)]
 pub struct Controls {
     now: BTreeMap<String, Rect>,
@@ -37,20 +39,6 @@ pub struct Controls {
 }
 
 impl Controls {
-    pub(super) fn clear(&mut self) {
-        self.now.clear();
-    }
-
-    pub(in crate::view) fn see(&mut self, name: &str, rect: Rect) {
-        self.now.insert(name.to_owned(), rect);
-    }
-
-    /// Records the position of a control, and passes the control through.
-    pub(super) fn seen(&mut self, name: &str, control: Response) -> Response {
-        self.see(name, control.rect);
-        control
-    }
-
     /// Returns the position of a control in the last frame; `None` if the control was not drawn.
     pub fn find(&self, name: &str) -> Option<Rect> {
         self.now.get(name).copied()
@@ -60,4 +48,34 @@ impl Controls {
     pub fn iter(&self) -> impl Iterator<Item = (&str, Rect)> {
         self.now.iter().map(|(name, rect)| (name.as_str(), *rect))
     }
+}
+
+/// Accesses the controls that were drawn so far.
+fn drawn<T>(ctx: &Context, access: impl FnOnce(&mut Controls) -> T) -> T {
+    ctx.data_mut(|data| access(data.get_temp_mut_or_default(Id::NULL)))
+}
+
+/// Takes what was collected since the last call.
+pub fn take(ctx: &Context) -> Controls {
+    drawn(ctx, std::mem::take)
+}
+
+/// Records the position of a control.
+pub fn see(ctx: &Context, name: &str, rect: Rect) {
+    drawn(ctx, |controls| controls.now.insert(name.to_owned(), rect));
+}
+
+/// Returns the position of a control that was drawn in this frame.
+pub fn find(ctx: &Context, name: &str) -> Option<Rect> {
+    drawn(ctx, |controls| controls.find(name))
+}
+
+/// Passes a request to the window.
+pub fn request(ctx: &Context, command: Command) {
+    drawn(ctx, |controls| controls.commands.push(command));
+}
+
+/// Reports text that is not a number.
+pub fn refuse(ctx: &Context, message: String) {
+    drawn(ctx, |controls| controls.refused = Some(message));
 }

@@ -2,8 +2,9 @@
 //!
 //! The text and its colours are the terminal's. Buttons copy the text, open the file in an editor and close the card.
 
-use super::controls::{Command, Controls};
+use super::controls::{Command, request};
 use super::theme::{HEADING, Palette, TEXT, strong};
+use super::widgets::Control as _;
 use super::{failures, hud};
 use crate::view::events::RendererId;
 use crate::view::viewer::Viewer;
@@ -26,14 +27,7 @@ impl State {
         self.closed = None;
     }
 
-    pub fn show(
-        &mut self,
-        ctx: &Context,
-        viewer: &mut Viewer,
-        window_failure: Option<&str>,
-        view: Rect,
-        controls: &mut Controls,
-    ) {
+    pub fn show(&mut self, ctx: &Context, viewer: &mut Viewer, window_failure: Option<&str>, view: Rect) {
         let (mut problems, mut consequences): (Vec<(RendererId, String)>, Vec<_>) = Default::default();
         for id in [RendererId::A, RendererId::B] {
             if let Some(error) = viewer.scene_error(id) {
@@ -84,15 +78,14 @@ impl State {
                             ui.copy_text(plain.join("\n"));
                         }
                         if let Some(origin) = &place {
-                            let edit = controls.seen(
-                                "mistakes:edit",
-                                ui.button(format!("Edit {}:{}", origin.file, origin.line)),
-                            );
+                            let edit = ui
+                                .button(format!("Edit {}:{}", origin.file, origin.line))
+                                .named("mistakes:edit");
                             if edit.clicked() {
-                                controls.commands.push(Command::Edit(origin.clone()));
+                                request(ui.ctx(), Command::Edit(origin.clone()));
                             }
                         }
-                        let button = controls.seen("mistakes:close", ui.button("Close"));
+                        let button = ui.button("Close").named("mistakes:close");
                         close = button.clicked();
                     });
                     let glyph =
@@ -110,7 +103,7 @@ impl State {
                         }
                     });
                 });
-                controls.see("mistakes", shown.response.rect);
+                shown.response.named("mistakes");
             });
         if close {
             self.closed = Some(texts);

@@ -1,6 +1,6 @@
 //! Lists keys and mouse controls in a separate window.
 
-use super::controls::Controls;
+use super::controls::see;
 use super::theme::{self, GRID, ROW};
 use egui::{Align2, Context, Key, RichText, Ui, Vec2, vec2};
 
@@ -66,7 +66,7 @@ const LEFT: usize = 3;
 const WIDE: f32 = 1100.0;
 
 /// Draws the window. `scrolling` are the keys pressed in this frame that scroll it.
-pub fn show(ctx: &Context, open: &mut bool, scrolling: &[Key], controls: &mut Controls) {
+pub fn show(ctx: &Context, open: &mut bool, scrolling: &[Key]) {
     let window = ctx.content_rect();
     let shown = egui::Window::new("Keys and mouse")
         .open(open)
@@ -87,11 +87,11 @@ pub fn show(ctx: &Context, open: &mut bool, scrolling: &[Key], controls: &mut Co
                     ui.add_space(8.0 * GRID);
                     column(ui, "more keys", right);
                 });
-                controls.see("keys:all", ui.min_rect());
+                see(ui.ctx(), "keys:all", ui.min_rect());
             });
         });
     if let Some(shown) = shown {
-        controls.see("keys", shown.response.rect);
+        see(ctx, "keys", shown.response.rect);
     }
 }
 

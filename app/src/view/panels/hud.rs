@@ -1,8 +1,8 @@
 //! Draws over the picture: the frame time, toasts, progress, and the comparison of A and B.
 
-use super::controls::Controls;
+use super::controls::{self, see};
 use super::theme::{self, GRID, Palette, TEXT};
-use super::widgets;
+use super::widgets::{self, Control as _};
 use crate::view::events::{Cause, Event, RendererId};
 use crate::view::paint::Mode;
 use crate::view::viewer::Viewer;
@@ -106,7 +106,7 @@ impl Toasts {
 
     /// Draws the toasts at the top right of the picture, and removes expired and dismissed ones. Toasts that would cover
     /// the card of errors, the oldest first, are not drawn.
-    pub fn show(&mut self, ctx: &Context, view: Rect, controls: &mut Controls) {
+    pub fn show(&mut self, ctx: &Context, view: Rect) {
         let now = Instant::now();
         self.shown.retain(|toast| toast.end > now);
         let Some(next) = self.shown.iter().map(|toast| toast.end).min() else { return };
@@ -115,7 +115,7 @@ impl Toasts {
         let palette = Palette::in_mode(ctx.theme() == egui::Theme::Dark);
         let mut top = view.top() + 3.0 * GRID;
         let gap = 2.0 * GRID;
-        let bottom = controls.find("mistakes").map_or(f32::INFINITY, |card| card.top());
+        let bottom = controls::find(ctx, "mistakes").map_or(f32::INFINITY, |card| card.top());
         let mut room = bottom - top;
         let fits = |toast: &&mut Toast| {
             room -= toast.height + gap;
@@ -142,7 +142,7 @@ impl Toasts {
                 });
             toast.height = shown.response.rect.height();
             top = shown.response.rect.bottom() + gap;
-            controls.see("toast", shown.response.rect);
+            see(ctx, "toast", shown.response.rect);
         }
         self.shown.retain(|toast| Some(toast.number) != dismissed);
     }
@@ -180,7 +180,7 @@ pub fn card(ui: &Ui, edge: Color32) -> Frame {
 /// Draws A's frame time, rate, splat count, memory and a sparkline in the top left corner of the picture. Notes if no
 /// splat is in view. `interval` is the time between frames, in milliseconds. Draws nothing before a frame is measured,
 /// or if the texts do not fit.
-pub fn show(ui: &Ui, viewer: &Viewer, interval: Option<f64>, view: Rect, controls: &mut Controls) {
+pub fn show(ui: &Ui, viewer: &Viewer, interval: Option<f64>, view: Rect) {
     let viewport = &viewer.a;
     let Some(total) = viewport.history.total() else { return };
     let memory: u64 =
@@ -231,7 +231,7 @@ pub fn show(ui: &Ui, viewer: &Viewer, interval: Option<f64>, view: Rect, control
         let area = Rect::from_min_size(at + vec2(0.0, 4.0), vec2(width, spark - 4.0));
         widgets::sparkline(painter, area, &recent, Stroke::new(1.5, theme::DARK.accent));
     }
-    controls.see("hud", rect);
+    see(ui.ctx(), "hud", rect);
 }
 
 /// Formats the frame rate of an interval in milliseconds.
@@ -269,13 +269,7 @@ pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
 /// Draws the comparison card at the bottom of the split line, and marks the worst pixel if `marked`. The card has the
 /// median times of A and B, the progress or the result, and a button that toggles `marked`. Draws nothing without a
 /// finished or running comparison.
-pub fn comparison(
-    ctx: &Context,
-    viewer: &mut Viewer,
-    view: Rect,
-    marked: &mut bool,
-    controls: &mut Controls,
-) {
+pub fn comparison(ctx: &Context, viewer: &mut Viewer, view: Rect, marked: &mut bool) {
     if viewer.comparison().is_none() && !viewer.is_comparing() {
         return;
     }
@@ -318,8 +312,7 @@ pub fn comparison(
             });
             ui.horizontal(|ui| {
                 let find = ui.add_enabled(worst > 0.0, egui::Button::new("Worst pixel").selected(*marked));
-                controls.see("worst", find.rect);
-                if widgets::hint(find, "Mark the pixel with the largest difference").clicked() {
+                if find.named("worst").hint("Mark the pixel with the largest difference").clicked() {
                     *marked = !*marked;
                 }
                 close = ui.button("Close").clicked();
@@ -329,7 +322,7 @@ pub fn comparison(
             }
         });
     });
-    controls.see("comparison", shown.response.rect);
+    shown.response.named("comparison");
     if close {
         viewer.forget_comparison();
         *marked = false;
@@ -358,6 +351,7 @@ mod tests {
                 graph: "mine.ron".into(),
                 causes: Cause::File("mine.ron".into()).into(),
                 passes: round,
+                effect: None,
                 same_plan: false,
                 plan_ms: 1.0,
                 prepare_ms: 1.0,
@@ -379,14 +373,14 @@ mod tests {
 
     #[test]
     fn a_toast_has_a_place_while_a_tool_hides_the_picture() {
-        let (ctx, mut controls) = (Context::default(), Controls::default());
+        let ctx = Context::default();
         let mut toasts = Toasts::default();
         toasts.add("", "missing.ply: no such file".into(), true, STAY_LONG);
         // The first frame measures the toast, and the second one places it.
         for _ in 0..2 {
             let mut output = ctx.run_ui(Default::default(), |ui| {
                 let view = space_for_cards(ui.ctx(), Rect::NOTHING);
-                toasts.show(ui.ctx(), view, &mut controls);
+                toasts.show(ui.ctx(), view);
             });
             assert!(!output.shapes.is_empty());
             // No texture is uploaded here.
@@ -404,15 +398,13 @@ mod tests {
         }
         let view = Rect::from_min_size(pos2(0.0, 0.0), vec2(640.0, 360.0));
         let mut drawn = |card: f32| {
-            let mut controls = Controls::default();
             for _ in 0..3 {
-                controls = Controls::default();
-                controls.see("mistakes", Rect::from_min_max(pos2(0.0, card), view.max));
-                let mut output =
-                    ctx.run_ui(Default::default(), |ui| toasts.show(ui.ctx(), view, &mut controls));
+                controls::take(&ctx);
+                see(&ctx, "mistakes", Rect::from_min_max(pos2(0.0, card), view.max));
+                let mut output = ctx.run_ui(Default::default(), |ui| toasts.show(ui.ctx(), view));
                 output.textures_delta.clear();
             }
-            controls.find("toast").map(|last| last.bottom())
+            controls::find(&ctx, "toast").map(|last| last.bottom())
         };
         let all = drawn(360.0).expect("all fit");
         let fewer = drawn(all - 1.0).expect("two fit");

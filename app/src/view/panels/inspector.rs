@@ -1,10 +1,10 @@
 //! Shows the selected pass, barrier or resource, and below it the contents of a resource.
 
 use super::contents::{self, Target};
-use super::controls::Command;
+use super::controls::{Command, request};
 use super::selection::{self, Dumped, Selection, bound_bytes};
 use super::theme::{self, Palette};
-use super::widgets::{self, fact, heading, hint, link};
+use super::widgets::{self, Control as _, fact, heading, link};
 use crate::view::viewport::Viewport;
 use egui::{RichText, Ui};
 use egui_plot::{Line, PlotPoints};
@@ -55,8 +55,8 @@ pub fn show(
 
 fn place(ui: &mut Ui, origin: &Origin, target: &mut Target) {
     let response = link(ui, format!("{}:{}", origin.file, origin.line));
-    if hint(response, "Open this line in an editor").clicked() {
-        target.controls.commands.push(Command::Edit(origin.clone()));
+    if response.hint("Open this line in an editor").clicked() {
+        request(ui.ctx(), Command::Edit(origin.clone()));
     }
 }
 
@@ -163,9 +163,9 @@ fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
             });
         }
         None => {
-            let button = target.controls.seen("measure_copy", ui.button("Compare with a copy"));
+            let button = ui.button("Compare with a copy").named("measure_copy");
             let about = "Measures how fast the device copies, and shows how long a copy of the bound bytes would take";
-            *target.measures_copy = hint(button, about).clicked();
+            *target.measures_copy = button.hint(about).clicked();
         }
     }
 }
@@ -178,15 +178,13 @@ fn show_touch(
     target: &mut Target,
 ) {
     ui.horizontal(|ui| {
-        let look = target
-            .controls
-            .seen(&format!("look:{}@{}", touch.resource, pass.name), ui.small_button("contents"));
-        if hint(look, "Read its contents after this pass").clicked() {
+        let look = ui.small_button("contents").named(&format!("look:{}@{}", touch.resource, pass.name));
+        if look.hint("Read its contents after this pass").clicked() {
             viewport.look_at(&touch.resource, &pass.name);
         }
         let masks = format!("{} {}", touch.stages, touch.accesses);
         let name = link(ui, &touch.resource);
-        if hint(name, masks).clicked() {
+        if name.hint(masks).clicked() {
             *target.selection = Some(Selection::Resource(touch.resource.clone()));
         }
     });

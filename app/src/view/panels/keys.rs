@@ -1,6 +1,6 @@
 //! Applies keyboard shortcuts that are independent of any control.
 
-use super::controls::Command;
+use super::controls::{Command, request};
 use super::keyboard::{Press, is_plain};
 use super::{Panels, Tool, cameras, widgets};
 use crate::view::viewer::Viewer;
@@ -20,14 +20,14 @@ impl Panels {
                 (Key::Z, true) if modifiers.shift => self.redo_now = true,
                 (Key::Z, true) => self.undo_now = true,
                 (Key::Y, true) => self.redo_now = true,
-                (Key::O, true) => self.controls.commands.push(Command::Open),
+                (Key::O, true) => request(ctx, Command::Open),
                 (key, command) if self.select.key(key, command, viewer, self.selected) => {}
                 (_, true) => {}
                 // Not Tab: egui uses it to move the focus between controls.
                 (Key::H, _) => self.hidden = !self.hidden,
-                (Key::F12, _) if modifiers.shift => self.controls.commands.push(Command::SavePicture),
-                (Key::F12, _) => self.controls.commands.push(Command::Screenshot),
-                (Key::F11, _) => self.controls.commands.push(Command::Fullscreen),
+                (Key::F12, _) if modifiers.shift => request(ctx, Command::SavePicture),
+                (Key::F12, _) => request(ctx, Command::Screenshot),
+                (Key::F11, _) => request(ctx, Command::Fullscreen),
                 (Key::F1, _) => {
                     self.help = !self.help;
                     // Keys scroll the list only while no control has the focus.
@@ -35,7 +35,7 @@ impl Panels {
                 }
                 (Key::V, _) => {
                     self.vsync = !self.vsync;
-                    self.controls.commands.push(Command::Vsync(self.vsync));
+                    request(ctx, Command::Vsync(self.vsync));
                     self.toasts.done(format!("Wait for the display: {}", widgets::on_off(self.vsync)));
                 }
                 (Key::C, _) => {

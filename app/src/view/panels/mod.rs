@@ -37,19 +37,18 @@ use super::viewer::{Combine, Viewer};
 use super::wheel::Wheel;
 use crate::draw::select::{Reach, Region};
 use crate::draw::stats::median;
+use controls::see;
 use egui::{Align2, CentralPanel, Context, Panel, Rect, Ui};
-use indexmap::IndexSet;
 use keyboard::Keyboard;
 use layout::Layout;
 use presets::Presets;
 use selection::{Dumped, Selection};
 use serde::{Deserialize, Serialize};
-use splatgraph_framework::plan::Plan;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf, absolute};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 use theme::Palette;
+use widgets::Control as _;
 
 pub use controls::{Command, Controls};
 pub use layout::Tool;
@@ -93,7 +92,8 @@ fn unscaled() -> f32 {
     1.0
 }
 
-/// The panels and their state between frames.
+/// The panels and their state between frames; see [`Panels::new`].
+#[derive(Default)]
 pub struct Panels {
     /// True to hide the bars and the tools, so that the picture fills the window.
     pub hidden: bool,
@@ -147,64 +147,18 @@ pub struct Panels {
     plotted: Option<String>,
     /// Time of the last frame if it had a new picture of A, otherwise `None`.
     before: Option<Instant>,
-    /// Time of A's newest picture.
-    newest: Instant,
+    /// Time of A's newest picture; `None` before the first.
+    newest: Option<Instant>,
     /// Total number of A's frames when the panels were last drawn.
     drawn: u64,
-    /// Plan with which the next one is compared after a parameter changed, and its renderer.
-    compared: Option<(Arc<Plan>, RendererId)>,
-    /// Constants changed since that plan, and their renderer; `None` once the effect was reported.
-    changed: Option<(RendererId, Vec<String>)>,
-}
-
-impl Default for Panels {
-    fn default() -> Panels {
-        Panels {
-            hidden: false,
-            vsync: true,
-            hud: true,
-            selected: RendererId::A,
-            controls: Controls::default(),
-            help: false,
-            keyboard: Keyboard::default(),
-            layout: Layout::default(),
-            selection: None,
-            requested: None,
-            select: select::State::default(),
-            pick_first: None,
-            select_first: None,
-            dumped: Dumped::default(),
-            timeline: timeline::State::default(),
-            contents: contents::State::default(),
-            params: params::State::default(),
-            presets: Presets::new(),
-            notice: None,
-            errors: errors::State::default(),
-            toasts: hud::Toasts::default(),
-            log: VecDeque::new(),
-            undo: undo::History::default(),
-            undo_now: false,
-            redo_now: false,
-            by_program: false,
-            recent: Vec::new(),
-            scene_search: String::new(),
-            camera_search: String::new(),
-            restored: false,
-            drag: pointer::Drag::default(),
-            wheel: Wheel::default(),
-            marked: false,
-            frame_ms: VecDeque::new(),
-            plotted: None,
-            before: None,
-            newest: Instant::now(),
-            drawn: 0,
-            compared: None,
-            changed: None,
-        }
-    }
 }
 
 impl Panels {
+    /// Creates the panels of the first start, with vsync and with texts over the picture.
+    pub fn new() -> Panels {
+        Panels { vsync: true, hud: true, ..Panels::default() }
+    }
+
     /// Adds an event to the log, and shows it as a toast if the user should see it now. Also updates the panels for an
     /// event that changes the scene, the graph or settings.
     pub fn log_event(&mut self, event: &Event) {
@@ -216,13 +170,12 @@ impl Panels {
         match event {
             Event::Dropped { .. } | Event::Restored { .. } | Event::Scene { .. } => self.by_program = true,
             Event::SceneFailed { stays: true, .. } => self.errors.reopen(),
-            // After the exchange, a comparison with the former plan would be between different graphs.
             Event::Exchanged => {
-                (self.compared, self.changed) = (None, None);
+                self.params.forget_effect();
                 self.frame_ms.clear();
             }
             Event::Swapped { renderer, swap } if *renderer != RendererId::Window => {
-                self.changed = Some((*renderer, swap.parameters()));
+                self.params.tell(*renderer, swap);
                 if swap.causes.has_file() {
                     self.params.regroup();
                 }
@@ -325,11 +278,6 @@ impl Panels {
     }
 
     #[cfg(test)]
-    pub(in crate::view) fn effect(&self) -> Option<&str> {
-        self.params.effect()
-    }
-
-    #[cfg(test)]
     pub(in crate::view) fn undo_steps(&self) -> usize {
         self.undo.steps()
     }
@@ -348,14 +296,12 @@ impl Panels {
         window: &History,
         window_failure: Option<&str>,
     ) -> PanelOutput {
-        self.controls.clear();
         let focused = ui.memory(|memory| memory.focused());
         self.time(ui.ctx(), viewer.a.history.frames(), viewer.a.renderer.in_flight() == 0);
         self.keys(ui.ctx(), viewer);
         if viewer.b.is_none() || viewer.compare == Mode::A {
             self.selected = RendererId::A;
         }
-        self.tell_effect(viewer);
         if let (Some(requested), Some(plan)) = (&self.requested, viewer.a.renderer.plan())
             && requested.is_in(self.dumped.of(plan))
         {
@@ -375,7 +321,8 @@ impl Panels {
             self.floating(ui, viewer, window, area);
         }
         self.over_picture(ui.ctx(), viewer, window_failure, view);
-        help::show(ui.ctx(), &mut self.help, self.keyboard.scrolling(), &mut self.controls);
+        help::show(ui.ctx(), &mut self.help, self.keyboard.scrolling());
+        self.controls = controls::take(ui.ctx());
         if let Some(text) = self.controls.refused.take() {
             self.log_event(&Event::Problem { text });
         }
@@ -391,14 +338,14 @@ impl Panels {
 
     fn over_picture(&mut self, ctx: &Context, viewer: &mut Viewer, window_failure: Option<&str>, view: Rect) {
         if viewer.compare != Mode::A && !self.hidden && view.width() >= 200.0 && view.height() >= 140.0 {
-            hud::comparison(ctx, viewer, view, &mut self.marked, &mut self.controls);
+            hud::comparison(ctx, viewer, view, &mut self.marked);
         }
         let view = hud::space_for_cards(ctx, view);
-        self.select.card(ctx, viewer, self.selected, view, !self.hidden, &mut self.controls);
-        self.errors.show(ctx, viewer, window_failure, view, &mut self.controls);
+        self.select.card(ctx, viewer, self.selected, view, !self.hidden);
+        self.errors.show(ctx, viewer, window_failure, view);
         self.show_notice_card(ctx, view);
         if self.hud {
-            self.toasts.show(ctx, view, &mut self.controls);
+            self.toasts.show(ctx, view);
         }
     }
 
@@ -408,7 +355,7 @@ impl Panels {
         let now = Instant::now();
         // Count only frames with a new picture of the scene.
         if std::mem::replace(&mut self.drawn, drawn) != drawn {
-            self.newest = now;
+            self.newest = Some(now);
             if let Some(before) = self.before.replace(now) {
                 if self.frame_ms.len() == WINDOW {
                     self.frame_ms.pop_front();
@@ -419,7 +366,8 @@ impl Panels {
             // The first interval after a pause is not a frame time.
             self.before = None;
         }
-        let left = (self.newest + REST).saturating_duration_since(now);
+        let left =
+            self.newest.map_or(Duration::ZERO, |newest| (newest + REST).saturating_duration_since(now));
         if rests && left.is_zero() {
             self.frame_ms.clear();
         } else if rests && !self.frame_ms.is_empty() && (self.hud || !self.hidden) {
@@ -431,36 +379,6 @@ impl Panels {
     /// the plan were drawn without a pause between them.
     pub(in crate::view) fn interval(&self) -> Option<f64> {
         median(self.frame_ms.iter().copied().collect()).filter(|ms| *ms > 0.0)
-    }
-
-    /// Shows how a change of one constant changed the plan, in a line above the list of parameters. A change of
-    /// several constants, any other change of the passes, and another selected viewport remove the line.
-    fn tell_effect(&mut self, viewer: &mut Viewer) {
-        let selected = self.selected;
-        let Some(plan) = viewer.viewport(selected).and_then(|viewport| viewport.renderer.plan()).cloned()
-        else {
-            return;
-        };
-        let Some((former, of)) = &self.compared else {
-            self.compared = Some((plan, selected));
-            return;
-        };
-        // A plan's event is reported only after the plan's first frame.
-        let changed = self.changed.take_if(|(renderer, _)| *renderer == selected);
-        if *of != selected {
-            self.params.tell(None);
-            self.compared = Some((plan, selected));
-        } else if let Some((_, parameters)) = changed {
-            match parameters.as_slice() {
-                // `plan` replaced the event's plan before the event was reported, and its effect is already shown.
-                [_] if Arc::ptr_eq(former, &plan) => {}
-                [parameter] => self.params.tell(Some((parameter.clone(), difference(former, &plan)))),
-                // The passes are the same, such as after a resize.
-                [] if former.frame.len() == plan.frame.len() => {}
-                _ => self.params.tell(None),
-            }
-            self.compared = Some((plan, selected));
-        }
     }
 
     /// Undoes or redoes a step if requested, and records the frame's changes.
@@ -482,7 +400,7 @@ impl Panels {
     /// Draws the view and applies the camera's input in it; returns its rectangle.
     fn view(&mut self, ui: &mut Ui, viewer: &mut Viewer) -> Rect {
         let rect = ui.max_rect();
-        self.controls.see("view", rect);
+        see(ui.ctx(), "view", rect);
         if let Some((id, at)) =
             self.drag.act(ui, rect, viewer, &mut self.wheel, &mut self.select, &self.keyboard)
         {
@@ -508,7 +426,7 @@ impl Panels {
             splat::draw_outline(ui, viewer, rect);
         }
         if self.hud {
-            hud::show(ui, viewer, self.interval(), rect, &mut self.controls);
+            hud::show(ui, viewer, self.interval(), rect);
         }
         hud::progress(ui, viewer, rect);
         rect
@@ -540,31 +458,11 @@ impl Panels {
             let shown = hud::card(ui, palette.caution).show(ui, |ui| {
                 ui.set_max_width((view.width() - 48.0).clamp(0.0, 560.0));
                 ui.label(text);
-                if self.controls.seen("notice:dismiss", ui.button("Dismiss")).clicked() {
+                if ui.button("Dismiss").named("notice:dismiss").clicked() {
                     self.notice = None;
                 }
             });
-            self.controls.see("notice", shown.response.rect);
+            shown.response.named("notice");
         });
-    }
-}
-
-/// Describes how a plan differs from the previous one, such as `63 → 75 passes: sort 12 → 24`. If no phase has another
-/// number of passes, the text is like `63 passes, as before`.
-fn difference(former: &Plan, plan: &Plan) -> String {
-    // Returns the phase of each pass of a frame.
-    fn phases(plan: &Plan) -> Vec<&str> {
-        plan.frame.iter().map(|pass| plan.pass(*pass).phase.as_str()).collect()
-    }
-    let [former, now] = [former, plan].map(phases);
-    let all: IndexSet<&str> = former.iter().chain(&now).copied().collect();
-    let changed = all.into_iter().filter_map(|phase| {
-        let [from, to] = [&former, &now].map(|phases| phases.iter().filter(|of| **of == phase).count());
-        (from != to).then(|| format!("{phase} {from} → {to}"))
-    });
-    let changed: Vec<String> = changed.collect();
-    match changed.as_slice() {
-        [] => format!("{} passes, as before", now.len()),
-        changed => format!("{} → {} passes: {}", former.len(), now.len(), changed.join(", ")),
     }
 }

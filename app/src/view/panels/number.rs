@@ -3,8 +3,9 @@
 //! All fields accept a decimal point or a decimal comma, and report what is no number. Passing a field with Tab never
 //! changes its value.
 
-use super::controls::Controls;
+use super::controls::refuse;
 use super::theme::{self, ROW};
+use super::widgets::Control as _;
 use crate::io::report::text::decimals;
 use egui::{DragValue, Response, Slider, SliderClamping, Ui};
 use std::cell::Cell;
@@ -73,20 +74,14 @@ impl<'a> NumberField<'a> {
     }
 
     /// Draws the field; returns the value if the user changed it.
-    pub fn show(self, ui: &mut Ui, value: f64, controls: &mut Controls) -> (Response, Option<f64>) {
-        let (response, changed) = self.field(ui, value, controls, |ui, field| ui.add(field));
-        (controls.seen(self.name, response), changed)
+    pub fn show(self, ui: &mut Ui, value: f64) -> (Response, Option<f64>) {
+        let (response, changed) = self.field(ui, value, |ui, field| ui.add(field));
+        (response.named(self.name), changed)
     }
 
     /// Draws a slider and, to its right, the field; returns the value if the user changed it. `width` is in points. The
     /// field's control has the name of the slider's, followed by `#`.
-    pub fn show_with_slider(
-        self,
-        ui: &mut Ui,
-        value: f64,
-        width: f32,
-        controls: &mut Controls,
-    ) -> Option<f64> {
+    pub fn show_with_slider(self, ui: &mut Ui, value: f64, width: f32) -> Option<f64> {
         let Scale { min, max, step } = self.scale;
         ui.spacing_mut().slider_width = (width - WIDTH - theme::GRID).max(24.0);
         // egui derives the handle's radius from the height.
@@ -102,14 +97,14 @@ impl<'a> NumberField<'a> {
             let digits = (2.0 - step.log10().floor()).clamp(0.0, 12.0) as usize;
             slider = slider.step_by(step).max_decimals(digits);
         }
-        controls.see(self.name, ui.add(slider).rect);
+        ui.add(slider).named(self.name);
         if moved != value {
             // egui rounds to steps after it clamps, so the last step can be outside the range.
             moved = moved.clamp(min, max);
         }
         let size = [WIDTH, ROW - 4.0];
-        let (field, typed) = self.field(ui, moved, controls, |ui, field| ui.add_sized(size, field));
-        controls.see(&format!("{}#", self.name), field.rect);
+        let (field, typed) = self.field(ui, moved, |ui, field| ui.add_sized(size, field));
+        field.named(&format!("{}#", self.name));
         typed.or_else(|| (moved != value).then_some(moved))
     }
 
@@ -117,7 +112,6 @@ impl<'a> NumberField<'a> {
         self,
         ui: &mut Ui,
         value: f64,
-        controls: &mut Controls,
         add: impl FnOnce(&mut Ui, DragValue) -> Response,
     ) -> (Response, Option<f64>) {
         let Scale { min, max, step } = self.scale;
@@ -143,7 +137,7 @@ impl<'a> NumberField<'a> {
             None => dragged,
             Some(None) => {
                 let message = format!("{}: expected {kind}; it is still {}", self.label, text(value));
-                controls.refused = Some(message);
+                refuse(&response.ctx, message);
                 value
             }
             // The field shows fewer digits than the value has; leaving it unedited must not round the value.
@@ -154,7 +148,7 @@ impl<'a> NumberField<'a> {
                     let (limits, found, now) = (self.scale.limits(), text(number), text(limited));
                     let message =
                         format!("{}: expected {kind} {limits}, found {found}; it is now {now}", self.label);
-                    controls.refused = Some(message);
+                    refuse(&response.ctx, message);
                 }
                 limited
             }
@@ -192,13 +186,13 @@ mod tests {
 
     /// Draws a focused slider once for each list of pressed keys; returns the values.
     fn values(scale: Scale, mut value: f64, keys: &[&[Key]]) -> Vec<f64> {
-        let (ctx, mut controls) = (Context::default(), Controls::default());
+        let ctx = Context::default();
         let mut step = |keys: &&[Key]| {
             let events = keys.iter().map(|key| tests::key(*key, true, Modifiers::NONE)).collect();
             let input = RawInput { events, ..RawInput::default() };
             let mut output = ctx.run_ui(input, |ui| {
                 let field = NumberField::new("number", "number", scale);
-                value = field.show_with_slider(ui, value, 200.0, &mut controls).unwrap_or(value);
+                value = field.show_with_slider(ui, value, 200.0).unwrap_or(value);
             });
             output.textures_delta.clear();
             value

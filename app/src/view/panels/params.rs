@@ -3,10 +3,10 @@
 //! No parameter is hard-coded: label, help, range, step and choices come from the graph's file. Drawing a row never
 //! rounds or clamps the value.
 
-use super::controls::Controls;
 use super::number::{NumberField, Scale};
 use super::theme::{self, Palette, ROW};
-use super::widgets::{self, hint};
+use super::widgets::{self, Control as _};
+use crate::view::events::{RendererId, Swap};
 use crate::view::renderer::Renderer;
 use egui::{Align, ComboBox, Id, Layout, RichText, Ui, UiBuilder};
 use indexmap::IndexMap;
@@ -21,17 +21,31 @@ const RESET: f32 = 24.0;
 pub struct State {
     filter: String,
     groups: Groups,
-    /// Name of the last changed constant, and a sentence about its effect.
-    effect: Option<(String, String)>,
+    /// Renderer and name of the last changed constant, and a sentence about its effect.
+    effect: Option<(RendererId, String, String)>,
 }
 
 /// Name and new value of a parameter; `None` restores the default.
 type Change = (String, Option<Value>);
 
 impl State {
-    /// Sets the text above the list: a constant, and the effect of its last change. `None` removes it.
-    pub fn tell(&mut self, effect: Option<(String, String)>) {
-        self.effect = effect;
+    /// Shows the effect of a change of one constant on the plan, in a line above the list. A change of several constants
+    /// and any other change of the passes remove the line.
+    pub fn tell(&mut self, renderer: RendererId, swap: &Swap) {
+        match (swap.parameters().as_slice(), &swap.effect) {
+            ([parameter], effect) => {
+                let as_before = || format!("{} passes, as before", swap.passes);
+                let effect = effect.clone().unwrap_or_else(as_before);
+                self.effect = Some((renderer, parameter.clone(), effect));
+            }
+            ([], None) => {}
+            _ => self.forget_effect(),
+        }
+    }
+
+    /// Removes the line above the list.
+    pub fn forget_effect(&mut self) {
+        self.effect = None;
     }
 
     /// Groups the parameters anew: a file of the graph has changed.
@@ -39,15 +53,10 @@ impl State {
         self.groups = Groups::default();
     }
 
-    #[cfg(test)]
-    pub fn effect(&self) -> Option<&str> {
-        self.effect.as_ref().map(|(_, effect)| effect.as_str())
-    }
-
     /// Draws the list and applies changes. `command` is the command line that draws the same scene and graph, without
     /// `--set`.
-    pub fn show(&mut self, ui: &mut Ui, renderer: &mut Renderer, command: &str, controls: &mut Controls) {
-        self.head(ui, renderer, command, controls);
+    pub fn show(&mut self, ui: &mut Ui, renderer: &mut Renderer, command: &str) {
+        self.head(ui, renderer, command);
         let mut changes: Vec<Change> = Vec::new();
         let wanted = self.filter.trim().to_lowercase();
         let fits = |control: &&Control| {
@@ -63,10 +72,10 @@ impl State {
                     continue;
                 }
                 shown += members.len();
-                controls.see(&format!("group:{title}"), widgets::heading(ui, title).rect);
+                widgets::heading(ui, title).named(&format!("group:{title}"));
                 for control in members {
                     let modified = renderer.set().contains_key(&control.param.name);
-                    changes.extend(row(ui, plan, control, modified, controls));
+                    changes.extend(row(ui, plan, control, modified));
                 }
             }
             widgets::follow_focus(ui);
@@ -79,28 +88,27 @@ impl State {
             }
         });
         for (name, value) in changes {
-            if self.effect.as_ref().is_some_and(|(parameter, _)| *parameter == name) {
+            if self.effect.as_ref().is_some_and(|(_, parameter, _)| *parameter == name) {
                 self.effect = None;
             }
             renderer.set_param(&name, value);
         }
     }
 
-    fn head(&mut self, ui: &mut Ui, renderer: &mut Renderer, command: &str, controls: &mut Controls) {
+    fn head(&mut self, ui: &mut Ui, renderer: &mut Renderer, command: &str) {
         let modified = renderer.set().len();
         ui.horizontal_wrapped(|ui| {
             let filter = egui::TextEdit::singleline(&mut self.filter).hint_text("Filter");
-            controls.see("filter", ui.add_sized([104.0, ROW - 2.0], filter).rect);
+            ui.add_sized([104.0, ROW - 2.0], filter).named("filter");
             let text = if modified > 0 { format!("Reset {modified}") } else { "Reset all".to_owned() };
-            let reset = controls.seen("reset_all", ui.add_enabled(modified > 0, egui::Button::new(text)));
+            let reset = ui.add_enabled(modified > 0, egui::Button::new(text)).named("reset_all");
             let text = match modified {
                 1 => "1 parameter differs from its default".to_owned(),
                 n => format!("{n} parameters differ from their defaults"),
             };
-            let reset = hint(reset, text).clicked();
-            let copy =
-                controls.seen("copy_set", ui.add_enabled(modified > 0, egui::Button::new("Copy --set")));
-            if hint(copy, format!("{command}{}", set_line(renderer))).clicked() {
+            let reset = reset.hint(text).clicked();
+            let copy = ui.add_enabled(modified > 0, egui::Button::new("Copy --set")).named("copy_set");
+            if copy.hint(format!("{command}{}", set_line(renderer))).clicked() {
                 ui.copy_text(set_line(renderer).trim_start().to_owned());
             }
             if reset {
@@ -111,7 +119,8 @@ impl State {
             let named = renderer.controls().iter().find(|control| control.param.name == name);
             named.map(|control| control.label.clone())
         };
-        let effect = self.effect.as_ref().and_then(|(name, effect)| Some((name, label(name)?, effect)));
+        let effect = self.effect.as_ref().filter(|(id, ..)| *id == renderer.id);
+        let effect = effect.and_then(|(_, name, effect)| Some((name, label(name)?, effect)));
         let text = match &effect {
             Some((_, label, effect)) => format!("{label}: {effect}"),
             None if renderer.plan().is_none() && modified == 0 => String::new(),
@@ -119,10 +128,10 @@ impl State {
             None => set_line(renderer).trim_start().to_owned(),
         };
         let line = ui.add(egui::Label::new(RichText::new(&text).color(Palette::of(ui).soft)).truncate());
+        let line = line.hint(text);
         if let Some((name, _, _)) = &effect {
-            controls.see(&format!("effect:{name}"), line.rect);
+            line.named(&format!("effect:{name}"));
         }
-        hint(line, text);
     }
 }
 
@@ -185,26 +194,14 @@ pub fn set_line(renderer: &Renderer) -> String {
     renderer.set().iter().map(|(name, value)| format!(" --set {name}={value}")).collect()
 }
 
-fn row(
-    ui: &mut Ui,
-    plan: Option<&Plan>,
-    control: &Control,
-    modified: bool,
-    controls: &mut Controls,
-) -> Option<Change> {
+fn row(ui: &mut Ui, plan: Option<&Plan>, control: &Control, modified: bool) -> Option<Change> {
     // By default, egui counts widgets to identify them: if a reload inserted a row above, the keyboard and the mouse
     // would go on with another parameter.
     let builder = UiBuilder::new().scope_id(Id::unique(("parameter", &control.param.name)));
-    ui.scope_builder(builder, |ui| cells(ui, plan, control, modified, controls)).inner
+    ui.scope_builder(builder, |ui| cells(ui, plan, control, modified)).inner
 }
 
-fn cells(
-    ui: &mut Ui,
-    plan: Option<&Plan>,
-    control: &Control,
-    modified: bool,
-    controls: &mut Controls,
-) -> Option<Change> {
+fn cells(ui: &mut Ui, plan: Option<&Plan>, control: &Control, modified: bool) -> Option<Change> {
     let Control { param, label, .. } = control;
     let palette = Palette::of(ui);
     let idle = plan.and_then(|plan| plan.no_effect(&param.name)).is_some();
@@ -233,14 +230,14 @@ fn cells(
                 ui.add(egui::Label::new(text).truncate().sense(egui::Sense::hover()))
             })
             .inner;
-        hint(name, help(plan, control));
+        name.hint(help(plan, control));
         let width = (ui.available_width() - RESET).max(60.0);
         // The parameter may take effect if another value changes, so it stays editable.
         let edited = ui.scope(|ui| {
             if idle {
                 ui.set_opacity(0.6);
             }
-            editor(ui, param, width, controls)
+            editor(ui, param, width)
         });
         if let Some(value) = edited.inner {
             change = Some((param.name.clone(), Some(value)));
@@ -252,8 +249,11 @@ fn cells(
         let mut child = ui.new_child(UiBuilder::new().max_rect(rect).layout(layout));
         let reset = child.add_visible(modified, egui::Button::new("↺").frame(false));
         if modified {
-            controls.see(&format!("reset:{}", param.name), reset.rect);
-            if hint(reset, format!("Back to {}", control.unset)).clicked() {
+            if reset
+                .named(&format!("reset:{}", param.name))
+                .hint(format!("Back to {}", control.unset))
+                .clicked()
+            {
                 change = Some((param.name.clone(), None));
             }
         }
@@ -290,34 +290,33 @@ fn help(plan: Option<&Plan>, control: &Control) -> String {
 }
 
 /// Draws a parameter's control; returns the value if the user changed it.
-fn editor(ui: &mut Ui, param: &Param, width: f32, controls: &mut Controls) -> Option<Value> {
+fn editor(ui: &mut Ui, param: &Param, width: f32) -> Option<Value> {
     let name = format!("param:{}", param.name);
     match (&param.domain, &param.value) {
         (Domain::Bool, Value::Bool(value)) => {
             let mut value = *value;
             let text = widgets::on_off(value);
-            let response = controls.seen(
-                &name,
-                ui.add_sized([width, ROW], |ui: &mut Ui| {
+            let response = ui
+                .add_sized([width, ROW], |ui: &mut Ui| {
                     ui.with_layout(Layout::left_to_right(Align::Center), |ui| ui.checkbox(&mut value, text))
                         .inner
-                }),
-            );
+                })
+                .named(&name);
             response.changed().then_some(Value::Bool(value))
         }
         (Domain::Int { min, max }, Value::Int(value)) => {
             let scale = Scale { min: *min as f64, max: *max as f64, step: 1.0 };
             let field = NumberField::new(&name, &param.name, scale);
-            let changed = field.show_with_slider(ui, *value as f64, width, controls)?;
+            let changed = field.show_with_slider(ui, *value as f64, width)?;
             let changed = (changed.round() as i64).clamp(*min, *max);
             (changed != *value).then_some(Value::Int(changed))
         }
         (Domain::Float { min, max, step }, Value::Float(value)) => {
             let scale = Scale { min: *min, max: *max, step: *step };
             let field = NumberField::new(&name, &param.name, scale);
-            field.show_with_slider(ui, *value, width, controls).map(Value::Float)
+            field.show_with_slider(ui, *value, width).map(Value::Float)
         }
-        (Domain::Choice(choices), Value::Text(value)) => choice(ui, &name, choices, value, width, controls),
+        (Domain::Choice(choices), Value::Text(value)) => choice(ui, &name, choices, value, width),
         // Unreachable for a valid plan.
         (_, value) => {
             ui.label(value.to_string());
@@ -326,14 +325,7 @@ fn editor(ui: &mut Ui, param: &Param, width: f32, controls: &mut Controls) -> Op
     }
 }
 
-fn choice(
-    ui: &mut Ui,
-    name: &str,
-    choices: &[String],
-    value: &str,
-    width: f32,
-    controls: &mut Controls,
-) -> Option<Value> {
+fn choice(ui: &mut Ui, name: &str, choices: &[String], value: &str, width: f32) -> Option<Value> {
     let mut chosen = value.to_owned();
     let response = ComboBox::from_id_salt(name)
         .selected_text(chosen.as_str())
@@ -348,12 +340,12 @@ fn choice(
                 }
                 // egui lays out an opening list once invisibly, at another position.
                 if ui.is_visible() {
-                    controls.see(&format!("{name}={choice}"), item.rect);
+                    item.named(&format!("{name}={choice}"));
                 }
             }
         })
         .response;
     widgets::return_focus(ui, &response);
-    controls.see(name, response.rect);
+    response.named(name);
     (chosen != value).then_some(Value::Text(chosen))
 }

@@ -1,8 +1,7 @@
 //! Lists the selectable graphs: the built-in graphs, files that were used in this window, and files in folders. The
 //! folders are those where `-p` and the current graph look for graphs.
 
-use super::controls::Controls;
-use super::widgets;
+use super::widgets::{self, Control as _};
 use crate::draw::builtin;
 use crate::view::renderer::Renderer;
 use egui::{RichText, Ui};
@@ -33,25 +32,25 @@ pub struct Presets {
     search: String,
 }
 
-impl Presets {
-    pub fn new() -> Presets {
+impl Default for Presets {
+    fn default() -> Presets {
         let entry =
             |preset: builtin::Preset| Entry { graph: preset.name.to_owned(), summary: preset.summary };
         let entries = builtin::presets().into_iter().map(entry).collect();
         Presets { entries, found: Vec::new(), drawn: 0, search: String::new() }
     }
+}
 
+impl Presets {
     /// Draws the list; returns the graph that the user chose. With a search text, Enter chooses the best match.
-    pub fn show(&mut self, ui: &mut Ui, renderer: &Renderer, controls: &mut Controls) -> Option<String> {
+    pub fn show(&mut self, ui: &mut Ui, renderer: &Renderer) -> Option<String> {
         self.remember(renderer);
         let pass = ui.ctx().cumulative_pass_nr();
         if std::mem::replace(&mut self.drawn, pass) + 1 < pass {
             self.found = self.look(Path::new("."), renderer.graph());
         }
-        let mut chosen = None;
-        let search = widgets::search_or_open(ui, &mut self.search, "graph_search", controls);
-        let rank = |Entry { graph, summary }: &&Entry| {
-            widgets::rank(&search.wanted, &[graph, &file_name(graph)], summary)
+        let rank = |Entry { graph, summary }: &&Entry, wanted: &str| {
+            widgets::rank(wanted, &[graph, &file_name(graph)], summary)
         };
         let is_current = |Entry { graph, .. }: &&Entry| graph == renderer.graph();
         let row = |ui: &mut Ui, Entry { graph, summary }: &&Entry| {
@@ -63,17 +62,12 @@ impl Presets {
                 ui.add(egui::Label::new(RichText::new(summary).weak()).truncate());
                 response
             });
-            (format!("preset:{graph}"), widgets::hint(label.inner, format!("{graph}\n{summary}")))
+            (format!("preset:{graph}"), label.inner.hint(format!("{graph}\n{summary}")))
         };
-        let height = (ui.ctx().content_rect().height() - 140.0).max(100.0);
-        // By default, egui limits the height of a menu to 400 points.
-        egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height).show(ui, |ui| {
-            let entries = self.entries.iter().chain(&self.found);
-            let found = widgets::list(ui, controls, &search, entries, rank, is_current, row);
-            chosen = found.map(|entry| entry.graph.clone());
-            widgets::follow_focus(ui);
-        });
-        chosen
+        let entries = self.entries.iter().chain(&self.found);
+        let chosen =
+            widgets::list(ui, (&mut self.search, "graph_search", true), entries, rank, is_current, row)?;
+        Some(chosen.graph.clone())
     }
 
     /// Lists the graphs in the working directory `root`, in its folder `pipelines`, and beside the current graph.
@@ -161,7 +155,7 @@ mod tests {
         write("part.ron", "Graph(version: 1, summary: \"A part\", passes: [])");
         write("scenes.ron", "Scenes([Scene(file: \"a.ply\")])");
         write("a.txt", preset);
-        let mut presets = Presets::new();
+        let mut presets = Presets::default();
         let listed = |presets: &Presets| -> Vec<String> {
             let found = presets.look(folder.path(), "c/e.ron").into_iter();
             found.map(|Entry { graph, summary }| format!("{graph}: {summary}")).collect()

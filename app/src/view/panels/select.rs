@@ -4,11 +4,10 @@
 //! While a tool is active, the left button selects instead of moving the camera. The card is shown while a tool is
 //! active, or any splat is selected or hidden.
 
-use super::controls::Controls;
 use super::hud;
 use super::number::NumberField;
 use super::theme::{self, GRID, Palette};
-use super::widgets::{follow_focus, hint};
+use super::widgets::{Control as _, follow_focus};
 use crate::draw::select::{Reach, Region};
 use crate::io::output::names;
 use crate::view::events::RendererId;
@@ -190,15 +189,7 @@ impl State {
 
     /// Draws the card at the bottom of the picture, for the scene of viewport `id`. Draws only its line of text if not
     /// `whole`, and nothing if no tool is active and no splat is marked.
-    pub fn card(
-        &mut self,
-        ctx: &Context,
-        viewer: &mut Viewer,
-        id: RendererId,
-        view: Rect,
-        whole: bool,
-        controls: &mut Controls,
-    ) {
+    pub fn card(&mut self, ctx: &Context, viewer: &mut Viewer, id: RendererId, view: Rect, whole: bool) {
         if !self.is_active() && viewer.marks(id).is_empty() {
             return;
         }
@@ -218,14 +209,14 @@ impl State {
                 let height = (view.height() - 12.0 * GRID).max(40.0);
                 let scroll = egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height);
                 scroll.show(ui, |ui| {
-                    self.tools(ui, controls);
-                    marks(ui, viewer, id, controls);
-                    self.files(ui, viewer, id, controls);
+                    self.tools(ui);
+                    marks(ui, viewer, id);
+                    self.files(ui, viewer, id);
                     follow_focus(ui);
                 });
             });
         });
-        controls.see("splats", shown.response.rect);
+        shown.response.named("splats");
     }
 
     fn line(&self, marks: &Marks) -> String {
@@ -238,7 +229,7 @@ impl State {
         format!("{tool}{selected} selected, {hidden} hidden; H shows the tools")
     }
 
-    fn tools(&mut self, ui: &mut Ui, controls: &mut Controls) {
+    fn tools(&mut self, ui: &mut Ui) {
         ui.horizontal_wrapped(|ui| {
             for (tool, name, text, about) in [
                 (SelectTool::Box, "splats:box", "Box (R)", "Drag a box over the picture"),
@@ -249,16 +240,16 @@ impl State {
                     "Paint over the picture; − and + change the radius",
                 ),
             ] {
-                let button = controls.seen(name, ui.selectable_label(self.tool == Some(tool), text));
+                let button = ui.selectable_label(self.tool == Some(tool), text).named(name);
                 let about = format!("{about}. Shift adds to the selection, Ctrl removes from it");
-                if hint(button, about).clicked() {
+                if button.hint(about).clicked() {
                     self.toggle(tool);
                 }
             }
             let field = NumberField::new("splats:radius", "Radius of the brush", RADII);
             let field = NumberField { speed: 0.5, suffix: " points", ..field };
-            let (response, radius) = field.show(ui, self.radius.into(), controls);
-            hint(response, "Radius of the brush");
+            let (response, radius) = field.show(ui, self.radius.into());
+            response.hint("Radius of the brush");
             if let Some(radius) = radius {
                 self.radius = radius as f32;
             }
@@ -271,13 +262,13 @@ impl State {
                 ),
                 (Reach::Front, "splats:front", "front", "Only splats that contribute most to a pixel inside"),
             ] {
-                hint(controls.seen(name, ui.selectable_value(&mut self.reach, reach, text)), about);
+                ui.selectable_value(&mut self.reach, reach, text).named(name).hint(about);
             }
         });
     }
 
     /// Draws the path field and the buttons that write a file, and the progress of a file being written.
-    fn files(&mut self, ui: &mut Ui, viewer: &mut Viewer, id: RendererId, controls: &mut Controls) {
+    fn files(&mut self, ui: &mut Ui, viewer: &mut Viewer, id: RendererId) {
         let writing = viewer.exporting();
         if let Some(text) = &writing {
             ui.horizontal(|ui| {
@@ -298,10 +289,9 @@ impl State {
                 ui.disable();
             }
             let field = TextEdit::singleline(&mut self.path).desired_width(240.0);
-            hint(
-                controls.seen("splats:path", ui.add(field)),
-                "A new file; its extension is that of a scene format, or .json for a list of indices",
-            );
+            ui.add(field)
+                .named("splats:path")
+                .hint("A new file; its extension is that of a scene format, or .json for a list of indices");
             let any = !viewer.marks(id).selected.is_empty();
             for (part, name, text, about, enabled) in [
                 (Part::Selected, "splats:save", "Save the selection", "Write the selected splats", any),
@@ -313,8 +303,8 @@ impl State {
                     true,
                 ),
             ] {
-                let button = controls.seen(name, ui.add_enabled(enabled, Button::new(text)));
-                if hint(button, about).clicked() && viewer.export(id, part, Path::new(self.path.trim())) {
+                let button = ui.add_enabled(enabled, Button::new(text)).named(name);
+                if button.hint(about).clicked() && viewer.export(id, part, Path::new(self.path.trim())) {
                     // The next file gets a new name.
                     self.path.clear();
                 }
@@ -323,7 +313,7 @@ impl State {
     }
 }
 
-fn marks(ui: &mut Ui, viewer: &mut Viewer, id: RendererId, controls: &mut Controls) {
+fn marks(ui: &mut Ui, viewer: &mut Viewer, id: RendererId) {
     let Marks { selected, hidden } = viewer.marks(id).clone();
     let count = |count: u32| grouped(count.into());
     ui.horizontal_wrapped(|ui| {
@@ -358,8 +348,8 @@ fn marks(ui: &mut Ui, viewer: &mut Viewer, id: RendererId, controls: &mut Contro
     ];
     ui.horizontal_wrapped(|ui| {
         for (name, text, enabled, about, act) in rows {
-            let button = controls.seen(name, ui.add_enabled(enabled, Button::new(text)));
-            if hint(button, about).clicked() {
+            let button = ui.add_enabled(enabled, Button::new(text)).named(name);
+            if button.hint(about).clicked() {
                 act(viewer, id);
             }
         }

@@ -1,8 +1,7 @@
 //! Shows the picked splat: its properties, the list of the pixel's splats, and its outline on the picture.
 
-use super::controls::Controls;
 use super::theme::{self, Palette};
-use super::widgets::{self, fact, heading, hint};
+use super::widgets::{self, Control as _, fact, heading};
 use crate::draw::pick;
 use crate::view::viewer::Viewer;
 use egui::{Color32, Rect, RichText, Stroke, Ui, pos2, vec2};
@@ -11,7 +10,7 @@ use splatgraph_assets::{Projection, grouped};
 const POINTS: usize = 64;
 const LIST: usize = 200;
 
-pub fn show(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
+pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     if viewer.is_picking() {
         ui.spinner();
     }
@@ -30,8 +29,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
     let title = format!("Splat {}", grouped(splat.index.into()));
     ui.label(RichText::new(title).family(theme::strong()).size(theme::HEADING));
     ui.horizontal(|ui| {
-        let near = controls.seen("splat:nearer", ui.button("Nearer"));
-        let far = controls.seen("splat:farther", ui.button("Farther"));
+        let near = ui.button("Nearer").named("splat:nearer");
+        let far = ui.button("Farther").named("splat:farther");
         if near.clicked() {
             picked.step(-1);
         } else if far.clicked() {
@@ -52,8 +51,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
         ui,
         |ui| ui.label(RichText::new("Position").color(soft)),
         |ui| {
-            let copy = controls.seen("splat:copy", ui.small_button("Copy"));
-            if hint(copy, "In world coordinates, as --eye and --target take them").clicked() {
+            let copy = ui.small_button("Copy").named("splat:copy");
+            if copy.hint("In world coordinates, as --eye and --target take them").clicked() {
                 ui.copy_text(splat.position.map(|v| v.to_string()).join(","));
             }
         },

@@ -1,7 +1,7 @@
 //! Draws the status line: progress, warnings, and the newest line of the log.
 
 use super::theme::{Palette, TEXT};
-use super::widgets::hint;
+use super::widgets::Control as _;
 use super::{Panels, presets};
 use crate::view::events::RendererId;
 use crate::view::paint::Mode;
@@ -49,7 +49,7 @@ impl Panels {
         let newest = self.log.iter().rfind(|line| !is_of_hidden(line));
         if let Some(line) = newest.filter(|line| !persists(line)) {
             let log = self.log.iter().rev().take(LINES).rev().cloned().collect::<Vec<_>>().join("\n");
-            hint(ui.add(egui::Label::new(RichText::new(line).color(palette.soft)).truncate()), log);
+            ui.add(egui::Label::new(RichText::new(line).color(palette.soft)).truncate()).hint(log);
         }
     }
 
@@ -57,11 +57,10 @@ impl Panels {
     fn states(&mut self, ui: &mut Ui, id: RendererId, viewport: &Viewport) {
         let palette = Palette::of(ui);
         let mut state = |name: &str, short: String, colour, reason: String| {
-            let label = self.controls.seen(
-                &format!("{name}:{id}"),
-                ui.label(RichText::new(format!("{id}: {short}")).color(colour)),
-            );
-            hint(label, reason);
+            let label = ui
+                .label(RichText::new(format!("{id}: {short}")).color(colour))
+                .named(&format!("{name}:{id}"));
+            label.hint(reason);
         };
         if let Some(text) = viewport.renderer.problem(false) {
             let first = text.lines().next().unwrap_or_default().to_owned();

@@ -5,10 +5,10 @@
 //! The wheel over the passes zooms (elsewhere with Ctrl), and dragging pans. Clicking a pass, a barrier or a resource
 //! selects it for all tools; Tab and Enter do the same from the keyboard.
 
-use super::controls::Controls;
+use super::controls::see;
 use super::selection::{Selection, barrier, touches};
 use super::theme::{self, GRID, Palette, ROW, TEXT};
-use super::widgets::{self, hint, text_in};
+use super::widgets::{self, Control as _, text_in};
 use egui::{
     Align, Color32, FontId, Id, Layout, Painter, Pos2, Rect, RichText, Sense, Stroke, StrokeKind, Ui, pos2,
     vec2,
@@ -85,23 +85,16 @@ struct Lane<'a> {
 
 impl State {
     /// Draws the timeline, and applies clicks to the selection.
-    pub fn show(
-        &mut self,
-        ui: &mut Ui,
-        dump: &Dump,
-        times: &Times,
-        selection: &mut Option<Selection>,
-        controls: &mut Controls,
-    ) {
+    pub fn show(&mut self, ui: &mut Ui, dump: &Dump, times: &Times, selection: &mut Option<Selection>) {
         let held =
             self.held.take().filter(|(graph, count, _)| *graph == dump.graph && *count == dump.passes.len());
         let held = held.map_or_else(|| times.clone(), |(_, _, times)| times);
         let times = &held;
-        self.summary(ui, dump, times, controls);
+        self.summary(ui, dump, times);
         for warning in &dump.warnings {
             let place = format!("{}:{}", warning.declared.file, warning.declared.line);
             let text = RichText::new(format!("warning: {} ({place})", warning.message));
-            hint(ui.label(text.color(Palette::of(ui).caution)), warning.help.join("\n"));
+            ui.label(text.color(Palette::of(ui).caution)).hint(warning.help.join("\n"));
         }
         let width = (ui.available_width() - NAMES - 12.0).max(160.0);
         let equal = self.equal || times.unreliable || times.passes.is_empty();
@@ -111,11 +104,11 @@ impl State {
         let (offset, palette) = (self.offset, Palette::of(ui));
         let view =
             View { dump, times, columns: &columns, selection: selection.as_ref(), area, offset, palette };
-        let mut clicked = view.draw_head(ui, controls);
+        let mut clicked = view.draw_head(ui);
         let lanes = lanes(dump, &self.filter);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             let area = self.area(ui, "lanes", LANE * lanes.len() as f32, whole, width, false);
-            clicked = View { area, ..view }.draw_lanes(ui, &lanes, controls).or(clicked.take());
+            clicked = View { area, ..view }.draw_lanes(ui, &lanes).or(clicked.take());
             if lanes.is_empty() {
                 ui.weak("No resource matches.");
             }
@@ -129,7 +122,7 @@ impl State {
         }
     }
 
-    fn summary(&mut self, ui: &mut Ui, dump: &Dump, times: &Times, controls: &mut Controls) {
+    fn summary(&mut self, ui: &mut Ui, dump: &Dump, times: &Times) {
         ui.horizontal(|ui| {
             let frame = dump.totals.frame;
             let mut text = format!(
@@ -153,10 +146,10 @@ impl State {
             ui.allocate_ui_with_layout(size, Layout::left_to_right(Align::Center), |ui| {
                 ui.set_min_width(size.x);
                 let label = ui.add(egui::Label::new(&text).truncate());
-                hint(label, text);
+                label.hint(text);
             });
             let start = ui.cursor().left();
-            let button = controls.seen("legend", ui.button("Legend"));
+            let button = ui.button("Legend").named("legend");
             egui::Popup::menu(&button).show(|ui| legend(ui, dump));
             ui.add(egui::TextEdit::singleline(&mut self.filter).hint_text("Filter memory").desired_width(112.0));
             let timed = !times.unreliable && !times.passes.is_empty();
@@ -231,7 +224,7 @@ impl View<'_> {
     }
 
     /// Draws phases, passes and barriers; returns the item that was clicked.
-    fn draw_head(&self, ui: &Ui, controls: &mut Controls) -> Option<Selection> {
+    fn draw_head(&self, ui: &Ui) -> Option<Selection> {
         let View { dump, times, columns, selection, area, palette, .. } = *self;
         let mut clicked = None;
         let (passes, barriers) = (area.top() + PHASES, area.top() + PHASES + PASSES);
@@ -257,7 +250,7 @@ impl View<'_> {
                 let colour = if selected { palette.accent } else { palette.barrier };
                 painter.vline(centre.x, passes..=barriers + 4.0, Stroke::new(1.0, colour));
                 let response = ui.interact(place.intersect(area), Id::unique(("barrier", *id)), Sense::CLICK);
-                controls.see(&format!("barrier:{id}"), place.intersect(area));
+                see(ui.ctx(), &format!("barrier:{id}"), place.intersect(area));
                 let radius = if response.hovered() || response.has_focus() || selected { 7.0 } else { 5.0 };
                 widgets::diamond(&painter, centre, radius, colour, Stroke::new(1.0, palette.paper));
                 if response.clicked() {
@@ -266,7 +259,7 @@ impl View<'_> {
                 if response.hovered()
                     && let Some(barrier) = barrier(dump, *id)
                 {
-                    hint(response, dump::barrier_line(barrier));
+                    response.hint(dump::barrier_line(barrier));
                 }
             }
             if !self.shows(rect) {
@@ -275,7 +268,7 @@ impl View<'_> {
             let selected = selection == Some(&Selection::Pass(pass.name.clone()));
             let visible = rect.intersect(area);
             let response = ui.interact(visible, Id::unique(("pass", &pass.name)), Sense::CLICK);
-            controls.see(&format!("pass:{}", pass.name), visible);
+            see(ui.ctx(), &format!("pass:{}", pass.name), visible);
             self.draw_pass(ui, &painter, pass, rect, selected || response.hovered());
             if selected || response.has_focus() {
                 painter.rect_stroke(rect, 2.0, Stroke::new(2.0, palette.accent), StrokeKind::Outside);
@@ -284,7 +277,7 @@ impl View<'_> {
                 clicked = Some(Selection::Pass(pass.name.clone()));
             }
             if response.hovered() {
-                hint(response, describe(pass, times.of(&pass.name).filter(|_| !times.unreliable)));
+                response.hint(describe(pass, times.of(&pass.name).filter(|_| !times.unreliable)));
             }
         }
         if let Some(Selection::Barrier(id)) = selection {
@@ -379,7 +372,7 @@ impl View<'_> {
 
     /// Draws memory: a bar for each resource's lifetime, or over all passes if it has none. Circles are reads, squares
     /// are writes. Returns the resource that was clicked.
-    fn draw_lanes(&self, ui: &Ui, lanes: &[Lane], controls: &mut Controls) -> Option<Selection> {
+    fn draw_lanes(&self, ui: &Ui, lanes: &[Lane]) -> Option<Selection> {
         let View { dump, columns, selection, area, palette, .. } = *self;
         let mut clicked = None;
         let painter = ui.painter().with_clip_rect(area.intersect(ui.clip_rect()));
@@ -407,7 +400,7 @@ impl View<'_> {
                 let place = if lane.resources.len() == 1 { bar.union(name) } else { bar };
                 let visible = place.intersect(Rect::from_min_max(name.min, area.max));
                 let response = ui.interact(visible, Id::unique(("resource", &resource.name)), Sense::CLICK);
-                controls.see(&format!("resource:{}", resource.name), visible);
+                see(ui.ctx(), &format!("resource:{}", resource.name), visible);
                 let fill = if selected { palette.accent.gamma_multiply(0.5) } else { palette.life };
                 let edge = if response.hovered() || response.has_focus() || selected {
                     palette.accent
@@ -432,7 +425,7 @@ impl View<'_> {
                         resource.declared.file,
                         resource.declared.line
                     );
-                    hint(response, text);
+                    response.hint(text);
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! Shows the GPU and host times of frames, times per phase and per pass, and memory use.
 
 use super::theme::{self, Palette};
-use super::widgets::{self, fact, heading, hint, row};
+use super::widgets::{self, Control as _, fact, heading, row};
 use crate::view::history::{History, Quantiles, Row, Series};
 use crate::view::viewport::Viewport;
 use egui::{Align, ComboBox, Label, Layout, Response, RichText, Sense, Ui, WidgetText, vec2};
@@ -27,7 +27,7 @@ pub fn show(
     plotted: &mut Option<String>,
 ) {
     let info = viewport.renderer.info();
-    hint(ui.label(RichText::new(&info.name).family(theme::strong())), &info.driver);
+    ui.label(RichText::new(&info.name).family(theme::strong())).hint(&info.driver);
     fact(ui, "Splats", grouped(loaded.into()));
     for (name, value) in &viewport.stats {
         fact(ui, &name.replace('_', " "), grouped((*value).into()));
@@ -40,7 +40,7 @@ pub fn show(
     ui.separator();
     columns_heading(ui, history.steady_frames());
     let mut line = |name: &str, about: &str, ms: Option<Quantiles>| {
-        row(ui, |ui| hint(ui.label(name), about), |ui| numbers(ui, ms, false));
+        row(ui, |ui| ui.label(name).hint(about), |ui| numbers(ui, ms, false));
     };
     line("GPU, frame", "From the first command of a frame to its last.", history.total());
     line("CPU, recording", "Host time for recording and submitting a frame.", history.record());
@@ -56,7 +56,7 @@ pub fn show(
     if unreliable {
         let text = "More than half of a frame is outside its passes: their times below mean little.";
         let example = "For example, Mesa's driver for CPUs writes the timestamps of compute passes when the whole frame ends.";
-        hint(ui.colored_label(Palette::of(ui).caution, text), example);
+        ui.colored_label(Palette::of(ui).caution, text).hint(example);
     } else {
         choose(ui, &series, plotted);
         let coloured: Vec<(usize, Series)> = match plotted {
@@ -72,7 +72,7 @@ pub fn show(
         let about =
             "Time of a frame that no pass accounts for: between passes, or where timestamps are too coarse.";
         let ms = Quantiles { median: rest, p99: f64::NAN };
-        row(ui, |ui| hint(ui.label("unattributed"), about), |ui| numbers(ui, Some(ms), false));
+        row(ui, |ui| ui.label("unattributed").hint(about), |ui| numbers(ui, Some(ms), false));
     }
     if window.frames() > 0 {
         egui::CollapsingHeader::new("Window").show(ui, |ui| {

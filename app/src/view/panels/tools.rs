@@ -1,9 +1,10 @@
 //! Draws the tools in tiles and floating windows, and applies clicks on their tabs.
 
+use super::controls::see;
 use super::layout::{self, Tool};
 use super::selection::Selection;
 use super::theme::Palette;
-use super::widgets::hint;
+use super::widgets::Control as _;
 use super::{Panels, cameras, contents, inspector, splat, timeline, times};
 use crate::view::history::History;
 use crate::view::viewer::Viewer;
@@ -46,7 +47,7 @@ impl Panels {
                 self.tool(ui, tool, viewer, window);
             });
             if let Some(shown) = shown {
-                self.controls.see(&format!("float:{}", tool.title()), shown.response.rect);
+                shown.response.named(&format!("float:{}", tool.title()));
             }
             if close {
                 self.layout.set_open(tool, false);
@@ -67,11 +68,11 @@ impl Panels {
                 let Some(viewport) = viewer.viewport(self.selected) else { return };
                 let renderer = &mut viewport.renderer;
                 let command = format!("splatgraph render {scene} --pipeline {}", renderer.graph());
-                self.params.show(ui, renderer, &command, &mut self.controls);
+                self.params.show(ui, renderer, &command);
             }
             Tool::Cameras => {
                 let selected = self.selected;
-                scrolled(ui, |ui| cameras::show(ui, viewer, selected, &mut self.controls));
+                scrolled(ui, |ui| cameras::show(ui, viewer, selected));
             }
             Tool::Times => scrolled(ui, |ui| {
                 let interval = self.interval();
@@ -81,14 +82,13 @@ impl Panels {
                 }
             }),
             Tool::Inspector if self.selection == Some(Selection::Splat) => {
-                scrolled(ui, |ui| splat::show(ui, viewer, &mut self.controls));
+                scrolled(ui, |ui| splat::show(ui, viewer));
             }
             Tool::Inspector => {
                 let (copy_limit, mut measures_copy) = (viewer.copy_limit(), viewer.is_measuring_copy());
                 let Some(viewport) = viewer.viewport(self.selected) else { return };
                 let mut target = contents::Target {
                     selection: &mut self.selection,
-                    controls: &mut self.controls,
                     copy_limit,
                     measures_copy: &mut measures_copy,
                 };
@@ -107,7 +107,7 @@ impl Panels {
                     unreliable: measured && viewport.history.is_mostly_unattributed(),
                 };
                 let dump = self.dumped.of(&plan);
-                self.timeline.show(ui, dump, &times, &mut self.selection, &mut self.controls);
+                self.timeline.show(ui, dump, &times, &mut self.selection);
             }
         }
     }
@@ -146,7 +146,7 @@ impl egui_tiles::Behavior<Tool> for Tools<'_> {
             return UiResponse::None;
         }
         let palette = Palette::of(ui);
-        self.panels.controls.see(&format!("tool:{}", tool.title()), ui.max_rect());
+        see(ui.ctx(), &format!("tool:{}", tool.title()), ui.max_rect());
         Frame::new().fill(palette.raised).inner_margin(8).show(ui, |ui| {
             ui.set_min_size(ui.available_size());
             self.panels.tool(ui, *tool, self.viewer, self.window);
@@ -180,7 +180,7 @@ impl egui_tiles::Behavior<Tool> for Tools<'_> {
     ) {
         let Some(tool) = tabs.active.and_then(|id| tiles.get_pane(&id)).copied() else { return };
         let float = ui.add(egui::Button::new("↗").frame(false));
-        if hint(float, "Undock: the tool floats over the picture").clicked() {
+        if float.hint("Undock: the tool floats over the picture").clicked() {
             self.acts.push((tool, Act::Float));
         }
     }
@@ -192,7 +192,7 @@ impl egui_tiles::Behavior<Tool> for Tools<'_> {
 
     fn on_tab_button(&mut self, tiles: &mut Tiles<Tool>, id: TileId, button: Response) -> Response {
         if let Some(tool) = tiles.get_pane(&id) {
-            self.panels.controls.see(&format!("tab:{}", tool.title()), button.rect);
+            see(&button.ctx, &format!("tab:{}", tool.title()), button.rect);
         }
         button
     }

@@ -1,11 +1,12 @@
 //! Draws the bar at the top: scene, camera and graph, the comparison, the tools, the view menu, and the frame time.
 
+use super::controls::request;
 use super::hud;
 use super::layout::Tool;
 use super::number::NumberField;
 use super::select::SelectTool;
 use super::theme::{self, GRID, Palette};
-use super::widgets::{self, hint};
+use super::widgets::{self, Control as _};
 use super::{Command, Panels, presets::file_name};
 use crate::view::events::RendererId;
 use crate::view::paint::Mode;
@@ -74,8 +75,7 @@ impl Panels {
                     Mode::Split => ("compare:split", "A and B side by side; drag the line between them"),
                     Mode::Difference => ("compare:difference", "The amplified difference of A and B"),
                 };
-                self.controls.see(control, response.rect);
-                hint(response, about);
+                response.named(control).hint(about);
             }
             if compare != Mode::A {
                 self.comparison_controls(ui, viewer, compare);
@@ -102,26 +102,25 @@ impl Panels {
         let selected = self.selected;
         let path = viewer.scene_path_of(selected).to_owned();
         self.remember_scene(&path);
-        let (recent, search, controls) = (&self.recent, &mut self.scene_search, &mut self.controls);
+        let (recent, search) = (&self.recent, &mut self.scene_search);
         let mut chosen = None;
         let title = file_name(&path.to_string_lossy());
         let button = drop_down(ui, whose(selected), &title, TITLE, |ui| {
-            let search = widgets::search_or_open(ui, search, "scene_search", controls);
-            let rank = |scene: &&PathBuf| {
+            let rank = |scene: &&PathBuf, wanted: &str| {
                 let path = scene.to_string_lossy();
-                widgets::rank(&search.wanted, &[&file_name(&path)], &path)
+                widgets::rank(wanted, &[&file_name(&path)], &path)
             };
             let is_current = |scene: &&PathBuf| **scene == recent[0];
             let row = |ui: &mut Ui, scene: &&PathBuf| {
                 let path = scene.display().to_string();
-                let item = ui.selectable_label(is_current(scene), named(scene));
-                (format!("scene:{path}"), hint(item, path))
+                let item = ui.selectable_label(is_current(scene), with_folder(scene));
+                (format!("scene:{path}"), item.hint(path))
             };
-            chosen = widgets::list(ui, controls, &search, recent, rank, is_current, row).cloned();
+            let search = (search, "scene_search", true);
+            chosen = widgets::list(ui, search, recent, rank, is_current, row).cloned();
         });
-        self.controls.see("scene", button.rect);
         let of = if selected == RendererId::B { "Scene of B" } else { "Scene" };
-        hint(button, format!("{of}: {}", path.display()));
+        button.named("scene").hint(format!("{of}: {}", path.display()));
         if let Some(path) = chosen.filter(|path| *path != self.recent[0]) {
             viewer.open_scene_in(selected, &path);
         }
@@ -130,7 +129,7 @@ impl Panels {
     fn camera_list(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
         let names: Vec<[String; 2]> = viewer.cameras.iter().enumerate().map(camera_name).collect();
         let (cameras, now) = (&viewer.cameras, viewer.shown_camera());
-        let (search, controls) = (&mut self.camera_search, &mut self.controls);
+        let search = &mut self.camera_search;
         let mut chosen = None;
         let [number, name] =
             now.map_or(["", "free camera"], |index| names[index].each_ref().map(String::as_str));
@@ -139,23 +138,19 @@ impl Panels {
                 ui.weak("Drop a cameras.json on the window to list its cameras.");
                 return;
             }
-            let search = widgets::search(ui, search, "camera_search", controls);
             let items = names.iter().map(|[number, name]| format!("{number}{name}")).enumerate();
-            let rank = |(index, name): &(usize, String)| {
-                widgets::rank(&search.wanted, &[name, &cameras[*index].img_name], "")
+            let rank = |(index, name): &(usize, String), wanted: &str| {
+                widgets::rank(wanted, &[name, &cameras[*index].img_name], "")
             };
             let is_current = |(index, _): &(usize, String)| now == Some(*index);
             let row = |ui: &mut Ui, item: &(usize, String)| {
                 (format!("camera:{}", item.0), ui.selectable_label(is_current(item), &item.1))
             };
-            egui::ScrollArea::vertical().max_height(320.0).show(ui, |ui| {
-                let found = widgets::list(ui, controls, &search, items, rank, is_current, row);
-                chosen = found.map(|(index, _)| index);
-                widgets::follow_focus(ui);
-            });
+            let search = (search, "camera_search", false);
+            let found = widgets::list(ui, search, items, rank, is_current, row);
+            chosen = found.map(|(index, _)| index);
         });
-        self.controls.see("camera", button.rect);
-        hint(button, format!("{number}{name}\nCamera; [ and ] go through the list"));
+        button.named("camera").hint(format!("{number}{name}\nCamera; [ and ] go through the list"));
         if let Some(index) = chosen {
             viewer.look_through(index);
         }
@@ -164,15 +159,14 @@ impl Panels {
     fn graph_list(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
         let selected = self.selected;
         let Some(viewport) = viewer.viewport(selected) else { return };
-        let (presets, controls) = (&mut self.presets, &mut self.controls);
+        let presets = &mut self.presets;
         let title = file_name(viewport.renderer.graph());
         let mut chosen = None;
         let button = drop_down(ui, whose(selected), &title, TITLE, |ui| {
-            chosen = presets.show(ui, &viewport.renderer, controls);
+            chosen = presets.show(ui, &viewport.renderer);
         });
-        controls.see("graph", button.rect);
         let about = viewport.renderer.plan().map_or(String::new(), |plan| format!("\n{}", plan.summary));
-        hint(button, format!("Graph: {}{about}", viewport.renderer.graph()));
+        button.named("graph").hint(format!("Graph: {}{about}", viewport.renderer.graph()));
         if let Some(graph) = chosen.filter(|graph| graph != viewport.renderer.graph()) {
             viewer.choose_graph(selected, &graph);
         }
@@ -182,25 +176,23 @@ impl Panels {
         widgets::divider(ui);
         ui.weak("edit");
         for (name, id) in [("A", RendererId::A), ("B", RendererId::B)] {
-            let response = self
-                .controls
-                .seen(&format!("viewport:{name}"), ui.selectable_value(&mut self.selected, id, name));
-            hint(response, format!("All tools show {name}: its graph, parameters and times"));
+            let response =
+                ui.selectable_value(&mut self.selected, id, name).named(&format!("viewport:{name}"));
+            response.hint(format!("All tools show {name}: its graph, parameters and times"));
         }
-        if hint(self.controls.seen("swap", ui.button("Swap")), "Exchange A and B").clicked() {
+        if ui.button("Swap").named("swap").hint("Exchange A and B").clicked() {
             viewer.exchange();
         }
-        let measure =
-            self.controls.seen("measure", ui.add_enabled(!viewer.is_comparing(), Button::new("Measure")));
-        if hint(measure, "Compute PSNR, SSIM and the worst pixel of this view").clicked() {
+        let measure = ui.add_enabled(!viewer.is_comparing(), Button::new("Measure")).named("measure");
+        if measure.hint("Compute PSNR, SSIM and the worst pixel of this view").clicked() {
             viewer.measure();
             self.marked = false;
         }
         if compare == Mode::Difference {
             let field = NumberField::new("gain", "Amplification", 0.0..=65_536.0);
             let field = NumberField { speed: 0.1, prefix: "x ", ..field };
-            let (response, gain) = field.show(ui, viewer.gain.into(), &mut self.controls);
-            hint(response, "Amplification of the difference");
+            let (response, gain) = field.show(ui, viewer.gain.into());
+            response.hint("Amplification of the difference");
             if let Some(gain) = gain {
                 viewer.gain = gain as f32;
             }
@@ -210,9 +202,7 @@ impl Panels {
     fn tool_toggles(&mut self, ui: &mut Ui) {
         for tool in Tool::ALL {
             let mut open = self.layout.is_open(tool);
-            let response = self
-                .controls
-                .seen(&format!("panel:{}", tool.title()), ui.toggle_value(&mut open, tool.title()));
+            let response = ui.toggle_value(&mut open, tool.title()).named(&format!("panel:{}", tool.title()));
             if response.clicked() {
                 self.toggle(tool);
             }
@@ -221,24 +211,22 @@ impl Panels {
 
     fn view_menu(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
         let button = drop_down(ui, "", "View", 72.0, |ui| {
-            if self.controls.seen("open", ui.button("Open a file… (Ctrl + O)")).clicked() {
-                self.controls.commands.push(Command::Open);
+            if ui.button("Open a file… (Ctrl + O)").named("open").clicked() {
+                request(ui.ctx(), Command::Open);
                 ui.close();
             }
             ui.horizontal(|ui| {
-                let undo =
-                    self.controls.seen("undo", ui.add_enabled(self.undo.can_undo(), Button::new("Undo")));
+                let undo = ui.add_enabled(self.undo.can_undo(), Button::new("Undo")).named("undo");
                 self.undo_now |= undo.clicked();
-                let redo =
-                    self.controls.seen("redo", ui.add_enabled(self.undo.can_redo(), Button::new("Redo")));
+                let redo = ui.add_enabled(self.undo.can_redo(), Button::new("Redo")).named("redo");
                 self.redo_now |= redo.clicked();
             });
             ui.horizontal(|ui| {
-                if self.controls.seen("fit", ui.button("Fit the scene (F)")).clicked() {
+                if ui.button("Fit the scene (F)").named("fit").clicked() {
                     let camera = viewer.picture_camera();
                     viewer.navigation.frame([camera.width, camera.height].map(f64::from));
                 }
-                if self.controls.seen("home", ui.button("First view (Home)")).clicked() {
+                if ui.button("First view (Home)").named("home").clicked() {
                     viewer.navigation.home();
                 }
             });
@@ -247,25 +235,23 @@ impl Panels {
                 for (name, up) in UPS {
                     let is_up = viewer.navigation.up().abs_diff_eq(up.into(), 1e-3);
                     let button = ui.selectable_label(is_up, name);
-                    if self.controls.seen(&format!("up:{name}"), button).clicked() {
+                    if button.named(&format!("up:{name}")).clicked() {
                         viewer.show_upright(up);
                     }
                 }
             });
-            if self.controls.seen("select", ui.button("Select splats (R, B)")).clicked() {
+            if ui.button("Select splats (R, B)").named("select").clicked() {
                 self.select.toggle(SelectTool::Box);
                 ui.close();
             }
             ui.checkbox(&mut self.hud, "Times and messages on the picture");
-            let continuous = self
-                .controls
-                .seen("continuous", ui.checkbox(&mut viewer.continuous, "Draw continuously (C)"));
-            hint(continuous, "Draws every frame, even if nothing changes, to measure times");
+            let continuous = ui.checkbox(&mut viewer.continuous, "Draw continuously (C)").named("continuous");
+            continuous.hint("Draws every frame, even if nothing changes, to measure times");
             if ui.checkbox(&mut self.vsync, "Wait for the display (V)").changed() {
-                self.controls.commands.push(Command::Vsync(self.vsync));
+                request(ui.ctx(), Command::Vsync(self.vsync));
             }
             let mut light = ui.theme() == egui::Theme::Light;
-            let theme = self.controls.seen("theme", ui.checkbox(&mut light, "Light theme (T)"));
+            let theme = ui.checkbox(&mut light, "Light theme (T)").named("theme");
             if theme.clicked() {
                 ui.set_theme(if light { egui::Theme::Light } else { egui::Theme::Dark });
             }
@@ -273,7 +259,7 @@ impl Panels {
                 ui.label("Pixels per pixel of the window");
                 let field = NumberField::new("scale", "Pixels per pixel of the window", 0.05..=4.0);
                 let field = NumberField { speed: 0.01, ..field };
-                if let (_, Some(scale)) = field.show(ui, viewer.scale.into(), &mut self.controls) {
+                if let (_, Some(scale)) = field.show(ui, viewer.scale.into()) {
                     viewer.scale = scale as f32;
                 }
             });
@@ -290,7 +276,7 @@ impl Panels {
                 (Some("Full screen (F11)".to_owned()), Command::Fullscreen),
             ] {
                 if text.is_some_and(|text| ui.button(text).clicked()) {
-                    self.controls.commands.push(command);
+                    request(ui.ctx(), command);
                     ui.close();
                 }
             }
@@ -299,7 +285,7 @@ impl Panels {
                 ui.close();
             }
         });
-        self.controls.see("menu", button.rect);
+        button.named("menu");
     }
 
     fn readout(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
@@ -321,7 +307,7 @@ impl Panels {
         let rest = ui.add(
             egui::Label::new(RichText::new(format!("{device}   {splats}")).color(palette.soft)).truncate(),
         );
-        hint(rest, format!("{device}\n{splats}"));
+        rest.hint(format!("{device}\n{splats}"));
         ui.label(RichText::new(time).family(theme::strong()));
     }
 }
@@ -331,7 +317,7 @@ fn whose(selected: RendererId) -> &'static str {
 }
 
 /// Returns a scene's name with its folder, which distinguishes the `point_cloud.ply` of several captures.
-fn named(scene: &Path) -> String {
+fn with_folder(scene: &Path) -> String {
     let folder = scene.parent().and_then(Path::file_name).map(|name| name.to_string_lossy());
     let name = file_name(&scene.to_string_lossy());
     folder.map_or(name.clone(), |folder| format!("{name}   ({folder})"))

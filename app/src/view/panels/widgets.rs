@@ -1,11 +1,11 @@
 //! Draws small widgets that the panels share, such as rows, hints, numbers and sparklines.
 
-use super::controls::{Command, Controls};
+use super::controls::{Command, request, see};
 use super::theme::{self, Palette, ROW, TEXT};
 use egui::{
     Align, FontId, Layout, Painter, Pos2, Rect, RectAlign, Response, RichText, Stroke, Ui, Vec2, pos2,
 };
-use egui::{Context, Popup, Tooltip};
+use egui::{Context, Popup, ScrollArea, Tooltip, WidgetText};
 use egui_plot::Plot;
 
 /// Sides on which a hint may appear without covering its control.
@@ -18,17 +18,32 @@ const SIDES: [RectAlign; 6] = [
     RectAlign::TOP_END,
 ];
 
-/// Shows a tooltip beside a hovered control, without covering it.
-pub fn hint(response: Response, text: impl Into<egui::WidgetText>) -> Response {
-    let mut tooltip =
-        if response.enabled() { Tooltip::for_enabled(&response) } else { Tooltip::for_disabled(&response) };
-    tooltip.popup = tooltip.popup.align(SIDES[0]).align_alternatives(&SIDES[1..]);
-    let text = text.into();
-    tooltip.show(|ui| {
-        ui.set_max_width(ui.spacing().tooltip_width);
-        ui.label(text);
-    });
-    response
+/// Additions to the response of a control.
+pub trait Control: Sized {
+    /// Records the control's position under a name, for scripted input.
+    fn named(self, name: &str) -> Self;
+
+    /// Shows a tooltip beside the control while it is hovered, without covering it.
+    fn hint(self, text: impl Into<WidgetText>) -> Self;
+}
+
+impl Control for Response {
+    fn named(self, name: &str) -> Response {
+        see(&self.ctx, name, self.rect);
+        self
+    }
+
+    fn hint(self, text: impl Into<WidgetText>) -> Response {
+        let mut tooltip =
+            if self.enabled() { Tooltip::for_enabled(&self) } else { Tooltip::for_disabled(&self) };
+        tooltip.popup = tooltip.popup.align(SIDES[0]).align_alternatives(&SIDES[1..]);
+        let text = text.into();
+        tooltip.show(|ui| {
+            ui.set_max_width(ui.spacing().tooltip_width);
+            ui.label(text);
+        });
+        self
+    }
 }
 
 pub fn row(ui: &mut Ui, left: impl FnOnce(&mut Ui) -> Response, right: impl FnOnce(&mut Ui)) -> Response {
@@ -114,38 +129,6 @@ pub fn return_focus(ui: &mut Ui, button: &Response) {
     }
 }
 
-/// The state of a list's search field in a frame.
-pub struct Search {
-    /// The text in lower case, for matching.
-    pub wanted: String,
-    /// True in the frames in which the list opens.
-    opens: bool,
-    /// True if Down was pressed in the field, which moves the focus into the list.
-    enters: bool,
-}
-
-/// Draws the search field of a list. When the list opens, the field is empty and has the keyboard focus.
-pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Controls) -> Search {
-    let id = ui.make_persistent_id(name);
-    let now = ui.ctx().cumulative_frame_nr();
-    let shown = ui.data(|data| data.get_temp::<u64>(id));
-    let opens = shown.is_none_or(|shown| shown + 1 < now);
-    if opens {
-        text.clear();
-    }
-    let field = ui.add(egui::TextEdit::singleline(text).id(id).hint_text("Search").desired_width(180.0));
-    // egui lays out an opening list once invisibly, when the field cannot get the focus.
-    if ui.is_visible() {
-        ui.data_mut(|data| data.insert_temp(id, now));
-        if opens {
-            field.request_focus();
-        }
-        controls.see(name, field.rect);
-    }
-    let enters = field.has_focus() && ui.input(|input| input.key_pressed(egui::Key::ArrowDown));
-    Search { wanted: text.trim().to_lowercase(), opens, enters }
-}
-
 /// Ranks an item of a searched list; `None` if nothing matches. An equal name comes first, then names that begin with
 /// `wanted`, names that contain it, and descriptions that contain it. `wanted` must be in lower case.
 pub fn rank(wanted: &str, names: &[&str], about: &str) -> Option<u8> {
@@ -157,50 +140,83 @@ pub fn rank(wanted: &str, names: &[&str], about: &str) -> Option<u8> {
     names.iter().filter_map(|name| of(name)).min().or_else(|| of(about).map(|_| 3))
 }
 
-/// Draws the items of an open list that have a [`rank`], the best match first. Returns the item that is clicked, or the
-/// best match if Enter is pressed and the search field is not empty, and closes the list. `row` draws an item, and
-/// returns its name for scripts.
+/// Draws the contents of an open list: a search field, a button that opens a file if `opens`, and the items that have a
+/// rank for the searched text (in lower case), the best match first. `name` is the name of the field for scripts. Returns
+/// the item that is clicked, or the best match if Enter is pressed and the field is not empty, and closes the list. `row`
+/// draws an item, and returns its name for scripts.
 ///
-/// The list opens at the current item. Down in the search field moves the focus to it, or to the best match.
+/// When the list opens, the field is empty and has the keyboard focus, and the current item is in view. Down in the
+/// field moves the focus to that item, or to the best match.
 pub fn list<T>(
     ui: &mut Ui,
-    controls: &mut Controls,
-    search: &Search,
+    (text, name, opens): (&mut String, &str, bool),
     items: impl IntoIterator<Item = T>,
-    rank: impl Fn(&T) -> Option<u8>,
+    rank: impl Fn(&T, &str) -> Option<u8>,
     is_current: impl Fn(&T) -> bool,
     row: impl Fn(&mut Ui, &T) -> (String, Response),
 ) -> Option<T> {
-    let searches = !search.wanted.is_empty();
+    let id = ui.make_persistent_id(name);
+    let now = ui.ctx().cumulative_frame_nr();
+    let shown = ui.data(|data| data.get_temp::<u64>(id));
+    let is_new = shown.is_none_or(|shown| shown + 1 < now);
+    if is_new {
+        text.clear();
+    }
+    let field = ui.horizontal(|ui| {
+        let field = egui::TextEdit::singleline(text).id(id).hint_text("Search").desired_width(180.0);
+        let field = ui.add(field);
+        if opens && ui.button("Open a file…").clicked() {
+            request(ui.ctx(), Command::Open);
+            ui.close();
+        }
+        field
+    });
+    let field = field.inner;
+    let enters = field.has_focus() && ui.input(|input| input.key_pressed(egui::Key::ArrowDown));
+    // egui lays out an opening list once invisibly, at another position, when the field cannot get the focus.
+    let is_visible = ui.is_visible();
+    if is_visible {
+        ui.data_mut(|data| data.insert_temp(id, now));
+        if is_new {
+            field.request_focus();
+        }
+        field.named(name);
+    }
+    let wanted = text.trim().to_lowercase();
+    let searches = !wanted.is_empty();
     let enter = searches && ui.input(|input| input.key_pressed(egui::Key::Enter));
     let mut chosen = None;
-    let found = ranked(items, rank);
+    let found = ranked(items, |item| rank(item, &wanted));
     if found.is_empty() && searches {
         let text = ui.weak("Nothing matches.");
-        if ui.is_visible() {
-            controls.see("nothing_matches", text.rect);
+        if is_visible {
+            text.named("nothing_matches");
         }
     }
     let first = if searches { 0 } else { found.iter().position(is_current).unwrap_or(0) };
-    for (place, item) in found.into_iter().enumerate() {
-        let (name, response) = row(ui, &item);
-        // egui lays out an opening list once invisibly, at another position.
-        if ui.is_visible() {
-            controls.see(&name, response.rect);
+    let height = (ui.ctx().content_rect().height() - 140.0).max(100.0);
+    // By default, egui limits the height of a menu to 400 points.
+    ScrollArea::vertical().max_height(height).min_scrolled_height(height).show(ui, |ui| {
+        for (place, item) in found.into_iter().enumerate() {
+            let (name, response) = row(ui, &item);
+            if is_visible {
+                see(ui.ctx(), &name, response.rect);
+            }
+            if place == first && enters {
+                response.request_focus();
+            }
+            // The start of the list stays in view if the first item is the current one.
+            if place == first && place > 0 && is_new {
+                let at_once = egui::style::ScrollAnimation::none();
+                ui.scroll_to_rect_animation(response.rect, Some(Align::Center), at_once);
+            }
+            if response.clicked() || enter && place == 0 {
+                ui.close();
+                chosen = Some(item);
+            }
         }
-        if place == first && search.enters {
-            response.request_focus();
-        }
-        // The start of the list stays in view if the first item is the current one.
-        if place == first && place > 0 && search.opens {
-            let at_once = egui::style::ScrollAnimation::none();
-            ui.scroll_to_rect_animation(response.rect, Some(Align::Center), at_once);
-        }
-        if response.clicked() || enter && place == 0 {
-            ui.close();
-            chosen = Some(item);
-        }
-    }
+        follow_focus(ui);
+    });
     chosen
 }
 
@@ -209,19 +225,6 @@ fn ranked<T>(items: impl IntoIterator<Item = T>, rank: impl Fn(&T) -> Option<u8>
         items.into_iter().filter_map(|item| rank(&item).map(|rank| (rank, item))).collect();
     found.sort_by_key(|(rank, _)| *rank);
     found.into_iter().map(|(_, item)| item).collect()
-}
-
-/// Draws a search field, as [`search`] does, beside a button that opens a file.
-pub fn search_or_open(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Controls) -> Search {
-    let row = ui.horizontal(|ui| {
-        let search = search(ui, text, name, controls);
-        if ui.button("Open a file…").clicked() {
-            controls.commands.push(Command::Open);
-            ui.close();
-        }
-        search
-    });
-    row.inner
 }
 
 /// Creates a plot of times in milliseconds, without zooming and panning. `height` is in points.

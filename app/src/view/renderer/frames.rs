@@ -118,7 +118,7 @@ impl Renderer {
         else {
             return Ok(true);
         };
-        if let Some(PendingSwap { swap, asked }) = first {
+        if let Some(PendingSwap { swap, asked, .. }) = first {
             let latency_ms = asked.elapsed().as_secs_f64() * 1e3;
             self.events.push(Event::Swapped { renderer: self.id, swap: Swap { latency_ms, ..swap } });
         }

@@ -29,7 +29,7 @@ mod state;
 use super::events::{Cause, Causes, Event, RendererId, Swap};
 use crate::draw::backend::Backend;
 use crate::draw::capacity::{Capacities, Overflow};
-use indexmap::IndexMap;
+use indexmap::{IndexMap, IndexSet};
 use job::{Built, Job, builder};
 use splatgraph_api::{BackendError, Device, DeviceInfo, FrameId, FrameResult, Inspect, Running};
 use splatgraph_assets::Scene;
@@ -78,6 +78,8 @@ struct FrameInFlight {
 struct PendingSwap {
     swap: Swap,
     asked: Instant,
+    /// Plan of the former frame; `None` before the first.
+    former: Option<Arc<Plan>>,
 }
 
 /// A graph on a device, with its plans, builds and frames in flight; see the module's documentation.
@@ -544,16 +546,18 @@ impl Renderer {
         self.size = built.inputs.size;
         self.scene = built.inputs.scene.map(|scene| scene.identity());
         self.controls = controls;
+        let former = self.pending_swap.take().map_or_else(|| self.state.good().cloned(), |swap| swap.former);
         let swap = Swap {
             graph: plan.name.clone(),
             causes: built.causes,
             passes: plan.frame.len(),
+            effect: former.as_ref().and_then(|former| difference(former, &plan)),
             same_plan,
             plan_ms: built.plan_ms,
             prepare_ms: built.prepare_ms,
             latency_ms: 0.0,
         };
-        self.pending_swap = Some(PendingSwap { swap, asked: built.asked });
+        self.pending_swap = Some(PendingSwap { swap, asked: built.asked, former });
         if let Some(attempt) = self.build.running.take() {
             self.state.succeeded(attempt, Arc::new(plan));
         }
@@ -621,4 +625,20 @@ impl Renderer {
     pub fn take_events(&mut self) -> Vec<Event> {
         std::mem::take(&mut self.events)
     }
+}
+
+/// Describes how a plan differs from the former one, as in [`Swap::effect`]; `None` if no phase has another number of
+/// passes.
+fn difference(former: &Plan, plan: &Plan) -> Option<String> {
+    fn phases(plan: &Plan) -> Vec<&str> {
+        plan.frame.iter().map(|pass| plan.pass(*pass).phase.as_str()).collect()
+    }
+    let [former, now] = [former, plan].map(phases);
+    let all: IndexSet<&str> = former.iter().chain(&now).copied().collect();
+    let changed = all.into_iter().filter_map(|phase| {
+        let [from, to] = [&former, &now].map(|phases| phases.iter().filter(|of| **of == phase).count());
+        (from != to).then(|| format!("{phase} {from} → {to}"))
+    });
+    let changed = changed.collect::<Vec<_>>().join(", ");
+    (!changed.is_empty()).then(|| format!("{} → {} passes: {changed}", former.len(), now.len()))
 }
