@@ -274,7 +274,7 @@ fn cameras_follow_the_scene_to_its_origin_whichever_is_read_first() {
         views = count(|event| matches!(event, Event::Cameras { .. }));
     }
     assert_eq!(viewer.shell.viewer.scene().offset(), place);
-    assert_eq!(viewer.shell.viewer.cameras[0].position, local.position);
+    assert_eq!(viewer.shell.viewer.navigation.camera(96, 54).position, local.position);
     viewer.settle();
     assert!(shows_something(&viewer.picture(RendererId::A)));
 
@@ -286,7 +286,7 @@ fn cameras_follow_the_scene_to_its_origin_whichever_is_read_first() {
     viewer.event("the scene", |event| matches!(event, Event::Scene { splats: 1_000, .. }));
     viewer.shell.viewer.open(&cameras);
     viewer.event("the cameras", |event| matches!(event, Event::Cameras { .. }));
-    assert_eq!(viewer.shell.viewer.cameras[0].position, local.position);
+    assert_eq!(viewer.shell.viewer.navigation.camera(96, 54).position, local.position);
     viewer.close();
 }
 

@@ -20,6 +20,7 @@ use crate::view::paint::Mode;
 use crate::view::panels::Tool;
 use crate::view::panels::selection::Selection;
 use crate::view::shell::Shell;
+use crate::view::viewer::CameraList;
 use crate::view::window::{self, WindowOptions};
 use anyhow::Result;
 use clap::ValueEnum;
@@ -264,7 +265,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_files(args)?;
     args.check()?;
     let cameras = args.drawing.given_cameras()?;
-    let cameras_beside = cameras.is_none();
+    let is_beside = cameras.is_none();
     let files = args.scene.as_deref().map_or_else(Vec::new, opening::files);
     let (scene, cameras) = scene_and_cameras(args, cameras)?;
     args.up.as_ref().map_or(Ok(()), |up| up.read(&cameras))?;
@@ -276,8 +277,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         files,
         pipeline,
         set,
-        cameras,
-        cameras_beside,
+        cameras: if is_beside { CameraList::beside(cameras) } else { cameras.into() },
         size: args.size(),
         // A screenshot must have exactly the requested size.
         exact_size: args.drawing.size.is_some() && args.screenshot.is_some(),
@@ -328,7 +328,8 @@ fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene,
     let (scene, path, own) = loading::scene_or_demo(&loading::NEVER, args.scene.as_deref(), &args.load)?;
     let beside = || camera::beside(&path).and_then(|file| cameras::load_beside(&file));
     let cameras = given.or(own.map(|own| vec![own])).or_else(beside).unwrap_or_default();
-    let cameras = loading::in_scene(&cameras, &scene);
+    // The viewer takes cameras in world coordinates; cameras far from the scene are reported.
+    loading::in_scene(&cameras, &scene);
     Ok(((scene, path), cameras))
 }
 

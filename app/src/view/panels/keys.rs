@@ -79,9 +79,9 @@ impl Panels {
 /// Selects the camera `step` places further in the list, wrapping around. If none is selected, a step of 1 selects the
 /// first camera, and -1 the last.
 fn next_camera(viewer: &mut Viewer, step: i64) {
-    if !viewer.cameras.is_empty() {
+    if !viewer.cameras().is_empty() {
         let now = viewer.camera.map_or(if step > 0 { -1 } else { 0 }, |camera| camera as i64);
-        let next = (now + step).rem_euclid(viewer.cameras.len() as i64) as usize;
+        let next = (now + step).rem_euclid(viewer.cameras().len() as i64) as usize;
         viewer.look_through(next);
     }
 }

@@ -127,8 +127,8 @@ impl Panels {
     }
 
     fn camera_list(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
-        let names: Vec<[String; 2]> = viewer.cameras.iter().enumerate().map(camera_name).collect();
-        let (cameras, now) = (&viewer.cameras, viewer.shown_camera());
+        let names: Vec<[String; 2]> = viewer.cameras().iter().enumerate().map(camera_name).collect();
+        let (cameras, now) = (viewer.cameras(), viewer.shown_camera());
         let search = &mut self.camera_search;
         let mut chosen = None;
         let [number, name] =

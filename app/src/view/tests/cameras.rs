@@ -255,7 +255,7 @@ fn views_and_paths_come_back_from_their_files_and_show_the_same_picture() {
                 let named = Camera { img_name: "front 3".into(), ..picture };
                 assert_eq!(viewer.picture_camera(), named, "to the bit, from the file");
                 // Saved views do not count as the scene's cameras.
-                assert!(viewer.cameras.is_empty());
+                assert!(viewer.cameras().is_empty());
             },
         );
     }

@@ -159,7 +159,7 @@ fn cameras_that_the_user_named_stay_with_other_scenes_and_undo_restores_replaced
     script.viewer().look_through(1);
     script.settle();
     let names = |script: &mut Script| {
-        let names = script.viewer().cameras.iter().map(|camera| camera.img_name.clone());
+        let names = script.viewer().cameras().iter().map(|camera| camera.img_name.clone());
         names.collect::<Vec<_>>().join(" ")
     };
     let open = |script: &mut Script, path: &Path| {

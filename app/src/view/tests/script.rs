@@ -504,7 +504,7 @@ impl Script {
         let state = vec![
             format!("{:?}", viewer.a.renderer.set()),
             format!("{:?}", viewer.a.renderer.size()),
-            format!("{:?} {:?} {:?}", viewer.compare, viewer.camera, viewer.cameras.len()),
+            format!("{:?} {:?} {:?}", viewer.compare, viewer.camera, viewer.cameras().len()),
             format!("{} {:?}", viewer.scene().count(), viewer.scene_path().file_name()),
             format!("{:?}", viewer.navigation.camera(64, 36)),
             format!("{:?} {:?}", viewer.b.is_some(), viewer.a.inspection.is_some()),

@@ -18,52 +18,30 @@ use std::path::Path;
 const ANY_SIZE: (u32, u32) = (1, 1);
 
 impl Viewer {
-    /// Replaces the selectable cameras, given in scene coordinates, selects the first, and jumps to it. Without
-    /// cameras, the view stays. The cameras stay listed when another scene is opened.
+    /// Replaces the selectable cameras, selects the first, and jumps to it. Without cameras, the view stays.
     ///
     /// The navigation's up direction becomes the mean of the cameras', or the scene's if they cancel out.
-    pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
-        let world = self.in_world(&cameras);
-        self.start_with(CameraList::named(world), cameras);
-    }
-
-    /// Replaces the selectable cameras by those found beside A's scene, as [`Viewer::set_cameras`] does. They are no
-    /// longer listed once another scene is opened.
-    pub fn set_cameras_beside(&mut self, cameras: Vec<Camera>) {
-        let world = self.in_world(&cameras);
-        self.start_with(CameraList::beside(world), cameras);
-    }
-
-    fn in_world(&self, cameras: &[Camera]) -> Vec<Camera> {
-        let offset = self.scene().offset();
-        cameras.iter().map(|camera| camera.in_world(offset)).collect()
-    }
-
-    /// Replaces the selectable cameras, and jumps to the first, if any.
-    pub(super) fn show_list(&mut self, list: CameraList) {
-        let cameras = list.in_scene(self.scene().offset());
-        self.start_with(list, cameras);
-    }
-
-    fn start_with(&mut self, list: CameraList, cameras: Vec<Camera>) {
-        if let Some(camera) = cameras.first() {
-            let up = mean_up(&cameras).unwrap_or_else(|| self.scene().up().into());
-            self.navigation = Navigation::new(&self.subject.whole.robust_bounds(), camera, up);
+    pub fn set_cameras(&mut self, list: impl Into<CameraList>) {
+        self.camera_list = list.into();
+        if let Some(camera) = self.cameras().first() {
+            let up = mean_up(self.cameras()).unwrap_or_else(|| self.scene().up().into());
+            let camera = camera.relative_to(self.scene().offset());
+            self.navigation = Navigation::new(&self.subject.whole.robust_bounds(), &camera, up);
         }
-        self.camera = if cameras.is_empty() { None } else { Some(0) };
-        (self.camera_list, self.cameras) = (list, cameras);
+        self.camera = (!self.cameras().is_empty()).then_some(0);
     }
 
-    /// Converts the selectable cameras to the coordinates of A's scene, after either was replaced.
-    pub(super) fn move_cameras(&mut self) {
-        self.cameras = self.camera_list.in_scene(self.scene().offset());
+    /// Returns the selectable cameras, in world coordinates.
+    pub fn cameras(&self) -> &[Camera] {
+        self.camera_list.cameras()
     }
 
     /// Selects the camera at `index` and flies to it; does nothing if there is none.
     pub fn look_through(&mut self, index: usize) {
-        if let Some(camera) = self.cameras.get(index) {
+        if let Some(camera) = self.cameras().get(index) {
+            let camera = camera.relative_to(self.scene().offset());
             self.camera = Some(index);
-            self.navigation.set_camera(camera);
+            self.navigation.set_camera(&camera);
         }
     }
 
@@ -80,7 +58,6 @@ impl Viewer {
             self.restored_cameras = Some(list);
         } else if list != self.camera_list {
             (self.camera_list, self.camera) = (list, None);
-            self.move_cameras();
         }
     }
 
@@ -112,7 +89,7 @@ impl Viewer {
     /// the whole scene is shown upright.
     pub fn set_up(&mut self, up: [f64; 3]) {
         self.subject.up = Some(up);
-        match self.cameras.is_empty() {
+        match self.cameras().is_empty() {
             true => self.navigation = self.subject.navigation(up),
             false => self.navigation.set_up(up.into()),
         }
@@ -164,9 +141,10 @@ impl Viewer {
 
     /// Returns the index of the selectable camera that is shown or flown to; `None` if the camera is elsewhere.
     pub fn shown_camera(&self) -> Option<usize> {
-        let shows =
-            |index: &usize| self.cameras.get(*index).is_some_and(|camera| self.navigation.shows(camera));
-        self.camera.filter(shows).or_else(|| (0..self.cameras.len()).find(shows))
+        let (cameras, offset) = (self.cameras(), self.scene().offset());
+        let is_shown = |camera: &Camera| self.navigation.shows(&camera.relative_to(offset));
+        let shows = |index: &usize| cameras.get(*index).is_some_and(is_shown);
+        self.camera.filter(shows).or_else(|| (0..cameras.len()).find(shows))
     }
 
     /// Returns true while the camera moves without input: during a flight to another camera, or while a path is played.
@@ -220,9 +198,7 @@ impl Viewer {
         cameras: Vec<Camera>,
     ) -> Result<(), String> {
         match role {
-            CameraRole::Selectable => {
-                self.show_list(CameraList::named(cameras));
-            }
+            CameraRole::Selectable => self.set_cameras(cameras),
             CameraRole::Views => {
                 for camera in cameras {
                     let name = camera.img_name.clone();

@@ -14,24 +14,21 @@ pub struct CameraList {
     is_beside: bool,
 }
 
-impl CameraList {
-    /// Creates the list of cameras that the user named.
-    pub(super) fn named(cameras: Vec<Camera>) -> CameraList {
+/// Cameras that the user named.
+impl From<Vec<Camera>> for CameraList {
+    fn from(cameras: Vec<Camera>) -> CameraList {
         CameraList { cameras: cameras.into(), is_beside: false }
     }
+}
 
+impl CameraList {
     /// Creates the list of the cameras found beside a scene.
-    pub(super) fn beside(cameras: Vec<Camera>) -> CameraList {
+    pub fn beside(cameras: Vec<Camera>) -> CameraList {
         CameraList { cameras: cameras.into(), is_beside: true }
     }
 
-    /// Returns the cameras in the coordinates of a scene whose origin is at `offset`.
-    pub(super) fn in_scene(&self, offset: [f64; 3]) -> Vec<Camera> {
-        self.cameras.iter().map(|camera| camera.relative_to(offset)).collect()
-    }
-
-    pub(super) fn is_empty(&self) -> bool {
-        self.cameras.is_empty()
+    pub(super) fn cameras(&self) -> &[Camera] {
+        &self.cameras
     }
 
     /// Returns the list for another scene without cameras beside it.

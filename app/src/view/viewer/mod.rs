@@ -60,16 +60,15 @@ pub enum ViewerError {
 
 /// A scene, a camera and one or two viewports; see the module's documentation.
 pub struct Viewer {
-    /// A's scene. The camera and the selectable cameras are in its coordinates.
+    /// A's scene. The camera is in its coordinates.
     subject: Subject,
     /// B's scene; `None` if B draws A's.
     other: Option<Subject>,
-    /// Selectable cameras, in scene coordinates.
-    pub cameras: Vec<Camera>,
+    /// Selectable cameras.
     camera_list: CameraList,
     /// Selectable cameras for the scene that is being loaded for A; `None` to use those beside it.
     restored_cameras: Option<CameraList>,
-    /// Index of the last selected camera in `cameras`; `None` before a selection.
+    /// Index of the last selected camera in [`Viewer::cameras`]; `None` before a selection.
     pub camera: Option<usize>,
     /// Position and controls of the camera.
     pub navigation: Navigation,
@@ -159,7 +158,6 @@ impl Viewer {
             navigation: subject.navigation(subject.scene.up()),
             subject,
             other: None,
-            cameras: Vec::new(),
             camera_list: CameraList::default(),
             restored_cameras: None,
             camera: None,

@@ -173,7 +173,6 @@ impl Viewer {
         let former = std::mem::replace(&mut self.subject, subject);
         let scene = self.subject.whole.clone();
         self.navigation.change_scene(&scene.robust_bounds(), DVec3::from(scene.offset()) - offset);
-        self.move_cameras();
         self.path.set_radian(camera_path::length_of_radian(&scene));
         former
     }
@@ -311,7 +310,7 @@ impl Viewer {
             }
             (None, None) => self.camera_list.kept(),
         };
-        let is_same = !list.is_empty() && list == self.camera_list && !is_later;
+        let is_same = !list.cameras().is_empty() && list == self.camera_list && !is_later;
         if is_same && overlap(&subject.whole, &self.subject.whole) {
             self.replace_subject(subject);
             return;
@@ -319,7 +318,7 @@ impl Viewer {
         self.navigation = subject.navigation(subject.scene.up());
         self.path.set_radian(camera_path::length_of_radian(&subject.scene));
         self.subject = subject;
-        self.show_list(list);
+        self.set_cameras(list);
     }
 }
 

@@ -17,7 +17,7 @@ use super::events::Event;
 use super::kept;
 use super::recovery::{Open, Recovery};
 use super::shell::Shell;
-use super::viewer::Viewer;
+use super::viewer::{CameraList, Viewer};
 use crate::draw::backend::{Api, Backend, Options};
 use crate::io::output::Log;
 use anyhow::Result;
@@ -26,7 +26,7 @@ use display::own;
 use event_log::EventLog;
 use running::{Closing, Running, title};
 use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::Scene;
 use splatgraph_framework::reload::Wanted;
 use std::mem::ManuallyDrop;
 use std::path::PathBuf;
@@ -51,10 +51,8 @@ pub struct WindowOptions<'a> {
     pub pipeline: String,
     /// Names and values of parameters to change.
     pub set: Vec<(String, String)>,
-    /// Selectable cameras, in scene coordinates.
-    pub cameras: Vec<Camera>,
-    /// True if the cameras were found beside the scene, so that another scene does not keep them.
-    pub cameras_beside: bool,
+    /// Selectable cameras.
+    pub cameras: CameraList,
     /// Size of the window's content, in pixels; reduced to fit on the display unless `exact_size`.
     pub size: (u32, u32),
     /// True to keep this size even if it does not fit on the display.
@@ -144,10 +142,7 @@ impl App<'_> {
         if !options.files.is_empty() {
             viewer.set_files_read(options.files);
         }
-        match options.cameras_beside {
-            true => viewer.set_cameras_beside(options.cameras),
-            false => viewer.set_cameras(options.cameras),
-        }
+        viewer.set_cameras(options.cameras);
         viewer.continuous = options.continuous || options.frames.is_some() || options.screenshot.is_some();
         let mut shell = Shell::new(viewer, canvas, super::paint::GRAPH, wake.clone())?;
         shell.panels.vsync = options.vsync;
