@@ -17,25 +17,17 @@ pub(super) struct Compared {
     pub sides: [Option<(Choice, u64)>; 2],
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Step {
-    No,
-    /// A viewport does not draw the requested state yet.
-    Waiting,
-    /// The pictures are being read back.
-    Reading,
-}
-
 pub(super) struct Comparing {
-    pub step: Step,
+    /// True while a viewport does not draw the requested state yet.
+    pub waits: bool,
+    /// Inputs of the comparison in progress; `None` if no picture is being read back or compared.
+    pub of: Option<Compared>,
     pub worker: Latest<Differences>,
     pub newest: Option<(Differences, Compared)>,
-    /// Inputs of the comparison in progress.
-    pub of: Option<Compared>,
 }
 
 impl Comparing {
     pub fn new(wake: Wake) -> Comparing {
-        Comparing { step: Step::No, worker: Latest::new("compare", wake), newest: None, of: None }
+        Comparing { waits: false, of: None, worker: Latest::new("compare", wake), newest: None }
     }
 }
