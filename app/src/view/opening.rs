@@ -10,28 +10,20 @@ use super::renderer::Wake;
 use crate::draw::camera;
 use crate::io::load::LoadOptions;
 use splatgraph_assets::{Camera, Scene, scene_paths};
-use splatgraph_framework::reload::{Content as FileContent, Wanted};
+use splatgraph_framework::reload::{Content, Wanted};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
 /// The result of reading a file.
-pub struct Opened {
+pub struct Opened<T> {
     /// Path of the file.
     pub path: PathBuf,
     /// Sequence number of the request, from 1.
     pub number: u64,
     /// Content of the file, or the error of reading it.
-    pub content: Content,
-}
-
-/// The content of a file, or the error of reading it.
-pub enum Content {
-    /// A scene for a viewport, with the stamps of its files from before they were read. No stamps if the load panicked.
-    Scene(RendererId, Vec<Wanted>, Result<OpenedScene, String>),
-    /// Cameras, in world coordinates.
-    Cameras(CameraRole, Result<Vec<Camera>, String>),
+    pub content: Result<T, String>,
 }
 
 /// Path of the camera file beside a scene, and its cameras or the error of reading the file.
@@ -48,7 +40,7 @@ pub struct OpenedScene {
 }
 
 /// Stamps of a scene's files from before they were read, and the scene or its error.
-type ReadScene = (Vec<Wanted>, Result<OpenedScene, String>);
+pub type ReadScene = (Vec<Wanted>, Result<OpenedScene, String>);
 
 /// Use of a file's cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,8 +78,8 @@ impl<T: Send + 'static> Slot<T> {
         self.reader.start(move |is_cancelled| Some(read(&path, is_cancelled)))
     }
 
-    fn take(&mut self, content: impl FnOnce(Result<T, String>) -> Content) -> Option<Opened> {
-        let content = content(self.reader.take()?);
+    fn take(&mut self) -> Option<Opened<T>> {
+        let content = self.reader.take()?;
         Some(Opened { path: self.path.clone(), number: self.number, content })
     }
 }
@@ -134,8 +126,8 @@ impl Opening {
 
     /// Starts to read a scene for a viewport, with the cameras beside it, if any.
     ///
-    /// Cancels the viewport's previous request and drops its result. [`Opening::take`] returns the scene or the file's
-    /// error.
+    /// Cancels the viewport's previous request and drops its result. [`Opening::take_scene`] returns the scene or the
+    /// file's error.
     ///
     /// # Errors
     /// The system cannot start a thread. The previous request is cancelled even then.
@@ -158,7 +150,7 @@ impl Opening {
         })
     }
 
-    /// Starts to read cameras, which [`Opening::take`] returns. Cancels the previous request for the same role.
+    /// Starts to read cameras, which [`Opening::take_cameras`] returns. Cancels the previous request for the same role.
     ///
     /// # Errors
     /// The system cannot start a thread. The previous request is cancelled even then.
@@ -172,27 +164,23 @@ impl Opening {
         self.scenes.swap(0, 1);
     }
 
-    /// Takes the next result; `None` if there is none. Results of cancelled requests are dropped.
-    pub fn take(&mut self) -> Option<Opened> {
+    /// Takes the next cameras, in world coordinates; `None` if there are none. Those of cancelled requests are dropped.
+    pub fn take_cameras(&mut self) -> Option<(CameraRole, Opened<Vec<Camera>>)> {
         use CameraRole::{Path, Selectable, Views};
-        // Camera files first, so that the cameras beside a scene replace those of a file requested earlier.
-        let mut cameras = [Selectable, Views, Path].into_iter().zip(&mut self.cameras);
-        let mut scenes = [RendererId::A, RendererId::B].into_iter().zip(&mut self.scenes);
-        cameras.find_map(|(role, slot)| slot.take(|cameras| Content::Cameras(role, cameras))).or_else(|| {
-            scenes.find_map(|(id, slot)| {
-                slot.take(|read| {
-                    let (files, scene) = read.unwrap_or_else(|error| (Vec::new(), Err(error)));
-                    Content::Scene(id, files, scene)
-                })
-            })
-        })
+        let mut slots = [Selectable, Views, Path].into_iter().zip(&mut self.cameras);
+        slots.find_map(|(role, slot)| Some((role, slot.take()?)))
+    }
+
+    /// Takes the scene that was requested for a viewport, once it is read. The error is that of a load that panicked.
+    pub fn take_scene(&mut self, id: RendererId) -> Option<Opened<ReadScene>> {
+        self.scenes[index(id)].take()
     }
 }
 
 /// Lists the paths that decide what the scene at `path` contains ([`scene_paths`]), with stamps of the files' metadata.
 pub fn files(path: &Path) -> Vec<Wanted> {
     let paths = scene_paths(path).into_iter();
-    paths.map(|path| Wanted { content: FileContent::stamp(&path), path }).collect()
+    paths.map(|path| Wanted { content: Content::stamp(&path), path }).collect()
 }
 
 /// Returns the index of a viewport's scene. The window has no scene, so it maps to A.
@@ -214,10 +202,10 @@ mod tests {
     use splatgraph_assets::synth;
     use std::time::Duration;
 
-    fn waited(opening: &mut Opening) -> Opened {
+    fn waited<T>(mut take: impl FnMut() -> Option<T>) -> T {
         let begun = Instant::now();
         loop {
-            if let Some(opened) = opening.take() {
+            if let Some(opened) = take() {
                 return opened;
             }
             assert!(begun.elapsed() < Duration::from_secs(60), "nothing is opened");
@@ -235,16 +223,16 @@ mod tests {
         opening.open_scene(RendererId::A, &slow).unwrap();
         opening.open_scene(RendererId::A, &fast).unwrap();
         assert_eq!(opening.scene(RendererId::A), Some(fast.as_path()));
-        let opened = waited(&mut opening);
+        let opened = waited(|| opening.take_scene(RendererId::A));
         assert_eq!(opened.path, fast);
-        let Content::Scene(_, _, Ok(OpenedScene { scene, cameras: None, .. })) = opened.content else {
+        let Ok((_, Ok(OpenedScene { scene, cameras: None, .. }))) = opened.content else {
             panic!("{} is no scene without cameras", fast.display());
         };
         assert_eq!(scene.count(), 100);
         assert!(!opening.busy());
         // The slow scene does not arrive later either.
         std::thread::sleep(Duration::from_millis(300));
-        assert!(opening.take().is_none());
+        assert!(opening.take_scene(RendererId::A).is_none());
     }
 
     #[test]
@@ -260,16 +248,14 @@ mod tests {
             (folder.path().join("nothing.ply"), "No such file"),
         ] {
             opening.open_scene(RendererId::A, &path).unwrap();
-            let Content::Scene(_, _, Err(error)) = waited(&mut opening).content else {
+            let Ok((_, Err(error))) = waited(|| opening.take_scene(RendererId::A)).content else {
                 panic!("{} is a scene", path.display());
             };
             assert!(error.contains(expected), "{error}");
             // A folder is searched for cameras before it is rejected.
             let expected = if path.is_dir() { "found none of them" } else { expected };
             opening.open_cameras(CameraRole::Selectable, &path).unwrap();
-            let Content::Cameras(CameraRole::Selectable, Err(error)) = waited(&mut opening).content else {
-                panic!("{} has cameras", path.display());
-            };
+            let error = waited(|| opening.take_cameras()).1.content.expect_err("no cameras");
             assert!(error.contains(expected), "{error}");
         }
     }

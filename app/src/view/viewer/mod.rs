@@ -9,7 +9,7 @@ use super::events::{Event, RendererId};
 use super::export::Exporter;
 use super::latest::Latest;
 use super::navigation::Navigation;
-use super::opening::{self, CameraRole, Opening};
+use super::opening::{self, CameraRole, Opened, Opening};
 use super::paint::{Mode, Shown};
 use super::profile::zone;
 use super::renderer::{self, Choice, PlanInputs, Renderer, Wake};
@@ -362,7 +362,11 @@ impl Viewer {
         }
     }
 
-    fn take_cameras(&mut self, role: CameraRole, path: PathBuf, cameras: Result<Vec<Camera>, String>) {
+    fn take_cameras(&mut self, role: CameraRole, opened: Opened<Vec<Camera>>) {
+        let Opened { path, number, content: cameras } = opened;
+        if role == CameraRole::Selectable {
+            self.cameras_number = number;
+        }
         let count = cameras.as_ref().map_or(0, Vec::len);
         match cameras.and_then(|cameras| self.take_world_cameras(role, cameras)) {
             Ok(()) => self.events.push(Event::Cameras { path, count }),
@@ -425,8 +429,14 @@ impl Viewer {
     /// Errors are kept in the renderers: see [`Renderer::problem`] and [`Viewer::lost`].
     pub fn frame(&mut self, size: (u32, u32)) {
         zone!("pictures");
-        while let Some(opened) = self.opening.take() {
-            self.take(opened);
+        // First, so that the cameras beside a scene replace those of a file requested earlier.
+        while let Some((role, opened)) = self.opening.take_cameras() {
+            self.take_cameras(role, opened);
+        }
+        for id in [RendererId::A, RendererId::B] {
+            if let Some(opened) = self.opening.take_scene(id) {
+                self.take_scene(id, opened);
+            }
         }
         self.reload_scenes();
         self.take_comparison();

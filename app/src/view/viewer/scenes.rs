@@ -9,7 +9,7 @@ use crate::draw::camera_path;
 use crate::io::load::LoadOptions;
 use crate::io::{output, scene_file};
 use crate::view::events::{Event, RendererId};
-use crate::view::opening::{self, CameraRole, CamerasBeside, Content, Opened, OpenedScene};
+use crate::view::opening::{self, CamerasBeside, Opened, OpenedScene, ReadScene};
 use glam::DVec3;
 use splatgraph_assets::{Scene, names_scenes};
 use splatgraph_framework::reload::Wanted;
@@ -177,10 +177,12 @@ impl Viewer {
         former
     }
 
-    pub(super) fn take(&mut self, opened: Opened) {
+    pub(super) fn take_scene(&mut self, id: RendererId, opened: Opened<ReadScene>) {
         let Opened { path, number, content } = opened;
-        match content {
-            Content::Scene(id, files, Ok(OpenedScene { scene, cameras, load_ms })) => {
+        // A loader that panicked names no files.
+        let (files, scene) = content.unwrap_or_else(|error| (Vec::new(), Err(error)));
+        match scene {
+            Ok(OpenedScene { scene, cameras, load_ms }) => {
                 self.follow(id, &path, files);
                 self.scene_errors[opening::index(id)] = None;
                 let (splats, notes) = (scene.count(), scene_file::notes(&scene));
@@ -188,8 +190,9 @@ impl Viewer {
                 if !notes.is_empty() {
                     self.events.push(Event::SceneNotes { path: path.clone(), notes });
                 }
+                let reloads = self.reloads(id, &path);
                 let mut subject = Subject::new(scene, path, self.wake.clone());
-                if self.reloads(id, &subject.path) {
+                if reloads {
                     subject.up = self.subject_of(id).up;
                 }
                 if let Some(marks) = self.marks_for(id, &subject)
@@ -200,7 +203,7 @@ impl Viewer {
                 if self.picked_in == id || !self.has_two_scenes() {
                     self.forget_picked();
                 }
-                if !self.reloads(id, &subject.path) {
+                if !reloads {
                     self.leave(id);
                 }
                 let hidden = &subject.marks().hidden;
@@ -209,14 +212,12 @@ impl Viewer {
                     RendererId::B => self.other = Some(subject),
                     RendererId::A | RendererId::Window => self.show_scene(subject, number, cameras),
                 }
-                self.settle(id);
             }
-            Content::Scene(id, files, Err(error)) => {
+            Err(error) => {
                 // A watched file may be missing or half written, and is then not recognised as a list.
                 let stays =
                     self.reloads(id, &path) || self.failed_scene(id) == Some(&*path) || names_scenes(&path);
                 let event = Event::SceneFailed { path: path.clone(), error, stays };
-                // A loader that panicked names no files.
                 if stays && !files.is_empty() {
                     let missing = self.scene_watch.missing(id, &path, &files);
                     self.follow(id, &path, files.into_iter().chain(missing).collect());
@@ -226,15 +227,9 @@ impl Viewer {
                     self.scene_errors[opening::index(id)] = Some((path, text));
                 }
                 self.events.push(event);
-                self.settle(id);
-            }
-            Content::Cameras(role, cameras) => {
-                if role == CameraRole::Selectable {
-                    self.cameras_number = number;
-                }
-                self.take_cameras(role, path, cameras);
             }
         }
+        self.settle(id);
     }
 
     /// Remembers the hidden splats of a viewport's own scene, which is about to be replaced, if they are in no file.
