@@ -39,8 +39,7 @@ pub struct Inspection {
     pub found: Option<Result<Finding, String>>,
     /// Number of the frame that `found` was read from; see [`Renderer::submitted`].
     pub frame: u64,
-    asked: bool,
-    /// Plan of the last reading, which may be in flight. A change of plan requests another reading.
+    /// Plan of the last reading, which may be in flight. With another plan or none, a reading is requested.
     read: Weak<Plan>,
     /// Plan that `found` was read from.
     found_in: Weak<Plan>,
@@ -51,23 +50,17 @@ impl Inspection {
     pub fn new(resource: &str, pass: &str) -> Inspection {
         let (resource, pass) = (resource.to_owned(), pass.to_owned());
         let (read, found_in) = Default::default();
-        Inspection { resource, pass, follow: false, found: None, frame: 0, asked: true, read, found_in }
+        Inspection { resource, pass, follow: false, found: None, frame: 0, read, found_in }
     }
 
     /// Requests another reading in the next frame.
     pub fn ask(&mut self) {
-        self.asked = true;
+        self.read = Weak::new();
     }
 
     fn set_found(&mut self, found: Result<Finding, String>, plan: &Arc<Plan>) {
         self.found = Some(found);
         self.found_in = Arc::downgrade(plan);
-    }
-
-    /// Records that the inspection is read in a frame of `plan`, or cannot be.
-    fn set_read(&mut self, plan: &Arc<Plan>) {
-        self.asked = false;
-        self.read = Arc::downgrade(plan);
     }
 }
 
@@ -302,7 +295,7 @@ impl Viewport {
             || self.drawn.as_ref() != Some(&drawn)
             || self.animated
             || self.renderer.must_redraw()
-            || inspect.is_some() && self.asks()
+            || inspect.is_some() && self.asks(&drawn.plan)
             || self.wants_picture()
             || self.lacks_times(&drawn.plan)
             || show && self.is_held_back() && self.renderer.in_flight() == 0;
@@ -370,7 +363,7 @@ impl Viewport {
             if !inputs.inspect.is_empty() {
                 inputs.inspect.clear();
                 if let Some(inspection) = &mut self.inspection {
-                    inspection.set_read(plan);
+                    inspection.read = Arc::downgrade(plan);
                     inspection.set_found(Err(error.to_string()), plan);
                 }
             } else if matches!(self.reading, Reading::Wanted) {
@@ -388,29 +381,26 @@ impl Viewport {
             self.reading = Reading::InFlight(self.renderer.submitted());
         }
         if let Some(inspection) = self.inspection.as_mut().filter(|_| !inputs.inspect.is_empty()) {
-            inspection.set_read(plan);
+            inspection.read = Arc::downgrade(plan);
         }
     }
 
     fn due(&mut self) -> Option<Inspect> {
         let first = self.renderer.is_first_next();
         let plan = self.renderer.plan()?.clone();
-        let inspection = self.inspection.as_mut()?;
-        inspection.asked |= !inspection.read.ptr_eq(&Arc::downgrade(&plan));
-        if !inspection.asked && !inspection.follow {
-            return None;
-        }
+        let asks = self.asks(&plan);
+        let inspection = self.inspection.as_mut().filter(|inspection| asks || inspection.follow)?;
         match inspect::resolve(&plan, &inspection.resource, &inspection.pass) {
             Ok(target) if inspect::in_prologue(&plan, &target) && !first => {
                 // The prologue has already run; only a new plan runs it again.
-                if inspection.asked && !self.renderer.busy() {
+                if asks && !self.renderer.busy() {
                     self.renderer.want(Cause::Prologue, Instant::now());
                 }
                 None
             }
             Ok(target) => Some(target),
             Err(error) => {
-                inspection.set_read(&plan);
+                inspection.read = Arc::downgrade(&plan);
                 inspection.set_found(Err(error.to_string()), &plan);
                 None
             }
@@ -418,8 +408,9 @@ impl Viewport {
     }
 
     /// Returns true if a reading of the inspection was requested, which makes a frame due.
-    fn asks(&self) -> bool {
-        self.inspection.as_ref().is_some_and(|inspection| inspection.asked)
+    fn asks(&self, plan: &Arc<Plan>) -> bool {
+        let plan = Arc::downgrade(plan);
+        self.inspection.as_ref().is_some_and(|inspection| !inspection.read.ptr_eq(&plan))
     }
 
     /// Takes the results of finished frames. If `to_host`, the window gets their pictures, as far as they can be shown.
