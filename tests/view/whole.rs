@@ -99,7 +99,7 @@ impl TestShell {
         };
         let mut viewer = Viewer::new(device, (scene, path), &place.named(graph), &settings(set), wake())
             .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
-        viewer.navigation.set_animated(false);
+        viewer.navigation.flight_seconds = 0.0;
         viewer.folder = place.at("");
         // Draw every frame, even an unchanged one, however slow the machine is.
         viewer.continuous = true;

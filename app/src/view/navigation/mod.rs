@@ -28,6 +28,7 @@ pub const DEFAULT_UP: DVec3 = DVec3::NEG_Y;
 /// Range of the vertical field of view that can be set, in degrees.
 pub const FIELDS_OF_VIEW: RangeInclusive<f64> = 5.0..=150.0;
 
+/// Default of [`Navigation::flight_seconds`].
 const FLIGHT_SECONDS: f64 = 0.35;
 /// Rotation by a drag (orbiting or looking around), in radians per point of pointer motion.
 const TURN_PER_POINT: f64 = 0.3 * std::f64::consts::PI / 180.0;
@@ -207,7 +208,8 @@ pub struct Navigation {
     scale: f64,
     /// Factor on [`FLY_SPEED`], set by the wheel.
     speed: f64,
-    animated: bool,
+    /// Duration of a flight to another camera, in seconds; 0 to jump.
+    pub flight_seconds: f64,
     /// True while the graph draws an orthographic view.
     orthographic: bool,
 }
@@ -218,20 +220,11 @@ impl Navigation {
     /// `bounds` is the box around most of the scene's splats ([`splatgraph_assets::Scene::robust_bounds`]). `up` may
     /// have any length; [`DEFAULT_UP`] replaces a vector without a direction.
     pub fn new(bounds: &Bounds, start: &Camera, up: DVec3) -> Navigation {
-        let pose = Pose {
-            position: DVec3::ZERO,
-            orientation: DQuat::IDENTITY,
-            tan_y: 30f64.to_radians().tan(),
-            stretch: 1.0,
-            principal_offset: DVec2::ZERO,
-            distance: 1.0,
-            magnification: 1.0,
-            projection: Projection::Pinhole,
-        };
         let (bounds, scale) = usable(bounds);
-        let mut navigation = Navigation {
+        let Goal { pose, camera } = goal_of(start, &bounds, scale);
+        Navigation {
             pose,
-            unmoved: None,
+            unmoved: camera,
             flight: None,
             start: start.clone(),
             own_field_of_view: false,
@@ -239,12 +232,9 @@ impl Navigation {
             bounds,
             scale,
             speed: 1.0,
-            animated: false,
+            flight_seconds: FLIGHT_SECONDS,
             orthographic: false,
-        };
-        navigation.set_camera(start);
-        navigation.animated = true;
-        navigation
+        }
     }
 
     /// Returns the up direction, of length 1.
@@ -321,15 +311,6 @@ impl Navigation {
         let now = self.height();
         let height = height.clamp(least.min(now), most.max(now));
         Pose { magnification: pose.magnification * self.height_of(&pose) / height, ..pose }
-    }
-
-    /// Sets whether flights to another camera are animated (the default) or instant. With false, a current flight
-    /// arrives at once.
-    pub fn set_animated(&mut self, animated: bool) {
-        self.animated = animated;
-        if !animated && let Some(flight) = self.flight.take() {
-            self.arrive(flight.to);
-        }
     }
 
     /// Returns true during a flight: the next update moves the camera even without input.
@@ -531,36 +512,7 @@ impl Navigation {
     }
 
     fn goal_of(&self, camera: &Camera) -> Goal {
-        let rotation = DMat3::from_cols_array_2d(&camera.rotation).transpose();
-        // A camera from a file has a valid rotation; one made by code may not.
-        let error = (rotation.transpose() * rotation - DMat3::IDENTITY).to_cols_array();
-        let sound = error.iter().all(|v| v.abs() < 0.02) && rotation.determinant() > 0.0;
-        let orientation = if sound { DQuat::from_mat3(&rotation).normalize() } else { DQuat::IDENTITY };
-        let position = DVec3::from(camera.position);
-        let placed = position.is_finite() && position.abs().max_element() < 1e30;
-        let position = if placed { position } else { DVec3::ZERO };
-        let usable = |v: f64| (1e-6..1e6).contains(&v);
-        let pinhole = camera.with_projection(Projection::Pinhole, self.bounds.center());
-        let tan_y = 0.5 * f64::from(pinhole.height) / pinhole.fy;
-        let stretch = camera.fx / camera.fy;
-        let principal_offset = DVec2::from(camera.principal_offset) / f64::from(camera.height);
-        let near = principal_offset.abs().max_element() < 1e6;
-        let whole = sound && placed && usable(tan_y) && usable(stretch) && near;
-        let mut pose = Pose {
-            position,
-            orientation,
-            tan_y: if usable(tan_y) { tan_y } else { 30f64.to_radians().tan() },
-            stretch: if usable(stretch) { stretch } else { 1.0 },
-            principal_offset: if near { principal_offset } else { DVec2::ZERO },
-            distance: self.scale,
-            magnification: 1.0,
-            projection: camera.projection,
-        };
-        let ahead = (DVec3::from(self.bounds.center()) - position).dot(pose.forward());
-        if ahead > 1e-3 * self.scale {
-            pose.distance = ahead;
-        }
-        Goal { pose, camera: whole.then(|| camera.clone()) }
+        goal_of(camera, &self.bounds, self.scale)
     }
 
     fn framing(&self, size: [f64; 2]) -> Pose {
@@ -583,7 +535,7 @@ impl Navigation {
     }
 
     fn go_to(&mut self, to: Goal) {
-        if self.animated && to.pose != self.pose {
+        if self.flight_seconds > 0.0 && to.pose != self.pose {
             self.flight = Some(Flight { from: self.pose, to, seconds: None });
             self.unmoved = None;
         } else {
@@ -595,7 +547,7 @@ impl Navigation {
         let Some(flight) = &mut self.flight else { return };
         let passed = flight.seconds.map_or(0.0, |passed| passed + seconds);
         flight.seconds = Some(passed);
-        let part = passed / FLIGHT_SECONDS;
+        let part = passed / self.flight_seconds;
         if part < 1.0 {
             // Cubic Hermite interpolation, with zero velocity at both ends.
             self.pose = flight.from.towards(&flight.to.pose, part * part * (3.0 - 2.0 * part));
@@ -609,6 +561,40 @@ impl Navigation {
         self.pose = goal.pose;
         self.unmoved = goal.camera;
     }
+}
+
+/// Returns the view of a camera; see [`Navigation::set_camera`]. `bounds` and `scale` are those of the scene.
+fn goal_of(camera: &Camera, bounds: &Bounds, scale: f64) -> Goal {
+    let rotation = DMat3::from_cols_array_2d(&camera.rotation).transpose();
+    // A camera from a file has a valid rotation; one made by code may not.
+    let error = (rotation.transpose() * rotation - DMat3::IDENTITY).to_cols_array();
+    let sound = error.iter().all(|v| v.abs() < 0.02) && rotation.determinant() > 0.0;
+    let orientation = if sound { DQuat::from_mat3(&rotation).normalize() } else { DQuat::IDENTITY };
+    let position = DVec3::from(camera.position);
+    let placed = position.is_finite() && position.abs().max_element() < 1e30;
+    let position = if placed { position } else { DVec3::ZERO };
+    let usable = |v: f64| (1e-6..1e6).contains(&v);
+    let pinhole = camera.with_projection(Projection::Pinhole, bounds.center());
+    let tan_y = 0.5 * f64::from(pinhole.height) / pinhole.fy;
+    let stretch = camera.fx / camera.fy;
+    let principal_offset = DVec2::from(camera.principal_offset) / f64::from(camera.height);
+    let near = principal_offset.abs().max_element() < 1e6;
+    let whole = sound && placed && usable(tan_y) && usable(stretch) && near;
+    let mut pose = Pose {
+        position,
+        orientation,
+        tan_y: if usable(tan_y) { tan_y } else { 30f64.to_radians().tan() },
+        stretch: if usable(stretch) { stretch } else { 1.0 },
+        principal_offset: if near { principal_offset } else { DVec2::ZERO },
+        distance: scale,
+        magnification: 1.0,
+        projection: camera.projection,
+    };
+    let ahead = (DVec3::from(bounds.center()) - position).dot(pose.forward());
+    if ahead > 1e-3 * scale {
+        pose.distance = ahead;
+    }
+    Goal { pose, camera: whole.then(|| camera.clone()) }
 }
 
 /// Returns the bounds, or a point if they are not finite; and their size, limited, or 1 for a point.

@@ -168,7 +168,7 @@ impl Script {
         let wake: crate::view::renderer::Wake = Arc::new(|| {});
         let viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], wake.clone());
         let mut viewer = viewer.expect("the viewer opens");
-        viewer.navigation.set_animated(false);
+        viewer.navigation.flight_seconds = 0.0;
         // Draw continuously, even after a failure.
         viewer.continuous = true;
         viewer.a.renderer.patience = Duration::from_millis(5);

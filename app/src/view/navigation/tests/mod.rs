@@ -27,7 +27,7 @@ fn start() -> Camera {
 
 fn navigation() -> Navigation {
     let mut navigation = Navigation::new(&bounds(), &start(), DEFAULT_UP);
-    navigation.set_animated(false);
+    navigation.flight_seconds = 0.0;
     navigation
 }
 
@@ -47,7 +47,7 @@ fn with(modifier: &str, input: Input) -> Input {
 fn projected(projection: Projection) -> (Navigation, Camera) {
     let camera = start().with_projection(projection, bounds().center());
     let mut navigation = Navigation::new(&bounds(), &camera, DEFAULT_UP);
-    navigation.set_animated(false);
+    navigation.flight_seconds = 0.0;
     (navigation, camera)
 }
 
@@ -205,7 +205,7 @@ fn tiny_and_huge_scenes_and_single_points_are_framed_and_flown_through() {
     for (size, fills) in [(0.0, false), (1e-6, false), (1e-3, false), (1e6, true), (1e30, true)] {
         let bounds = Bounds { min: [1.0 - size; 3], max: [1.0 + size; 3] };
         let mut navigation = Navigation::new(&bounds, &start(), DEFAULT_UP);
-        navigation.set_animated(false);
+        navigation.flight_seconds = 0.0;
         navigation.frame(SIZE);
         let filled = filled(&now(&navigation), &bounds).expect("nothing is too near");
         assert!(filled < 0.9201 && (!fills || filled > 0.9199), "{size}: {filled}");
@@ -262,7 +262,7 @@ fn the_field_of_view_is_set_in_place_within_its_range() {
 #[test]
 fn framing_and_home_keep_a_field_of_view_that_was_set_and_a_camera_brings_its_own() {
     let mut navigation = navigation();
-    navigation.set_animated(true);
+    navigation.flight_seconds = FLIGHT_SECONDS;
     let settle = |navigation: &mut Navigation| {
         for _ in 0..2 {
             navigation.update(&wait(1.0));
@@ -369,7 +369,7 @@ proptest! {
     ) {
         let bounds = Bounds { min: low, max: low.map(|v| v + extent) };
         let mut navigation = Navigation::new(&bounds, &start(), DVec3::from(up));
-        navigation.set_animated(animated);
+        navigation.flight_seconds = if animated { FLIGHT_SECONDS } else { 0.0 };
         let [x, y, z, a, b, c, fx, fy] = numbers;
         let odd = Camera { position: [x, y, z], rotation: [[a, b, c], [b, c, a], [c, a, b]], fx, fy, ..start() };
         for (i, input) in list.iter().enumerate() {
