@@ -23,7 +23,6 @@ use splatgraph::view::undo::Settings;
 use splatgraph::view::viewer::Marks;
 use splatgraph_api::Device;
 use splatgraph_assets::Scene;
-use splatgraph_framework::ir::{Domain, Value};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread::available_parallelism;
@@ -144,7 +143,7 @@ impl Monkey {
             }
             4 => {
                 let view = self.viewer.shell.panels.controls.find("view").unwrap_or(Rect::ZERO);
-                let at = self.within(view);
+                let at = self.dice.within(view);
                 self.viewer.drag(PointerButton::Primary, &[at]);
                 format!("pick at {at:?}")
             }
@@ -159,12 +158,12 @@ impl Monkey {
                 format!("press {key:?}")
             }
             7 => {
-                let at = self.within(self.window());
+                let at = self.dice.within(self.window());
                 self.viewer.scroll(at, if self.dice.below(2) == 0 { 60.0 } else { -60.0 });
                 format!("scroll at {at:?}")
             }
             _ => {
-                let at = self.within(self.window());
+                let at = self.dice.within(self.window());
                 self.viewer.plan([Input::PointerMoved(at)]);
                 self.viewer.input.extend(std::iter::repeat_n(Vec::new(), 10));
                 format!("rest at {at:?}")
@@ -248,17 +247,8 @@ impl Monkey {
         let digits =
             params.iter().find(|param| param.name == "digit_bits").filter(|_| self.dice.below(2) == 0);
         let param = digits.unwrap_or_else(|| self.dice.of(&params)).clone();
-        let share = self.dice.below(1001) as f64 / 1000.0;
-        let value = match &param.domain {
-            Domain::Bool => Value::Bool(share < 0.5),
-            Domain::Int { min, max } => {
-                // Limits the range: large capacities would only cost memory.
-                let max = (*max).min(min.saturating_add(4096));
-                Value::Int(min + ((max - min) as f64 * share).round() as i64)
-            }
-            Domain::Float { min, max, .. } => Value::Float(min + (max - min) * share),
-            Domain::Choice(choices) => Value::Text(self.dice.of(choices).clone()),
-        };
+        // Large capacities would only cost memory.
+        let value = self.dice.value(&param.domain, 4096);
         let text = format!("{who}: {} = {value}", param.name);
         viewport.renderer.set_param(&param.name, Some(value));
         text
@@ -271,18 +261,13 @@ impl Monkey {
         (!names.is_empty()).then(|| self.dice.of(&names).clone())
     }
 
-    fn within(&mut self, rect: Rect) -> Pos2 {
-        let share = |dice: &mut Random| dice.below(1000) as f32 / 1000.0;
-        rect.min + Vec2::new(share(&mut self.dice) * rect.width(), share(&mut self.dice) * rect.height())
-    }
-
     fn click(&mut self, name: &str) -> String {
         format!("{} {name}", if self.viewer.click(name) { "click" } else { "no" })
     }
 
     fn drag(&mut self, name: &str) -> String {
         let Some(rect) = self.viewer.shell.panels.controls.find(name) else { return format!("no {name}") };
-        let places = [self.within(rect), self.within(rect)];
+        let places = [self.dice.within(rect), self.dice.within(rect)];
         self.viewer.drag(PointerButton::Primary, &places);
         format!("drag {name}")
     }

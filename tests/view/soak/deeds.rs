@@ -2,10 +2,10 @@
 
 use super::{SCALE, SIZE, Soak};
 use crate::place::shipped;
-use egui::{Key, Modifiers, PointerButton, Pos2, Vec2};
+use egui::{Key, Modifiers, PointerButton, Pos2};
 use indexmap::IndexMap;
 use splatgraph::view::events::RendererId;
-use splatgraph_framework::ir::{Domain, ParamBinding, Value};
+use splatgraph_framework::ir::ParamBinding;
 use std::fs;
 
 /// Graphs to draw with; the first is that of the reference state.
@@ -236,14 +236,8 @@ impl Soak {
             return;
         }
         let param = self.dice.of(&params).clone();
-        let share = self.dice.share();
-        let value = match &param.domain {
-            _ if self.dice.below(4) == 0 => None,
-            Domain::Bool => Some(Value::Bool(share < 0.5)),
-            Domain::Int { min, max } => Some(Value::Int(min + ((max - min) as f64 * share).round() as i64)),
-            Domain::Float { min, max, .. } => Some(Value::Float(min + (max - min) * share)),
-            Domain::Choice(choices) => Some(Value::Text(self.dice.of(choices).clone())),
-        };
+        let value = self.dice.value(&param.domain, i64::MAX);
+        let value = Some(value).filter(|_| self.dice.below(4) > 0);
         viewport.renderer.set_param(&param.name, value);
     }
 
@@ -266,8 +260,7 @@ impl Soak {
     /// Returns a random position in the view, in points; `None` if the view is not shown.
     fn somewhere(&mut self) -> Option<Pos2> {
         let view = self.viewer.shell.panels.controls.find("view")?;
-        let (x, y) = (self.dice.share() as f32, self.dice.share() as f32);
-        Some(view.min + Vec2::new(x * view.width(), y * view.height()))
+        Some(self.dice.within(view))
     }
 
     fn drag(&mut self) {

@@ -38,7 +38,7 @@ fn nothing_is_submitted_while_nothing_changes() {
 #[test]
 fn a_frame_that_the_window_did_not_show_is_drawn_again_until_it_is_shown() {
     let mut script = resting();
-    let size = script.window_size();
+    let size = script.shell.window().size();
     // The window's surface has no pixels.
     script.resize_swapchain((0, 0));
     for _ in 0..3 {
@@ -367,7 +367,7 @@ fn the_window_is_drawn_while_a_device_of_the_scene_hangs() {
     assert!(matches!(shown.pixels, BufferContents::Bytes(_)), "the window's device cannot read the scene's");
     script.set_hanging(true);
     script.viewer().a.renderer.set_param("shade", Some(Value::Float(0.25)));
-    script.until("the frame that hangs", |script| script.in_flight());
+    script.until("the frame that hangs", |script| script.shell.in_flight().is_some());
     // Another change waits for the end of the slow picture; the window does not.
     script.viewer().a.renderer.set_param("shade", Some(Value::Float(0.75)));
     let drawn = script.viewer().a.renderer.submitted();
@@ -377,10 +377,10 @@ fn the_window_is_drawn_while_a_device_of_the_scene_hangs() {
         assert!((0..50).any(|_| drawn(&mut script)), "the window shows its tools, or none");
     }
     script.resize((200, 100));
-    script.until("the new size", |script| script.window_size() == (200, 100));
-    script.until("the name of the frame", |script| script.stalled().is_some());
+    script.until("the new size", |script| script.shell.window().size() == (200, 100));
+    script.until("the name of the frame", |script| script.shell.stalled().is_some());
     assert!(script.viewer().a.renderer.submitted() <= drawn + 1);
-    assert!(script.in_flight());
+    assert!(script.shell.in_flight().is_some());
     script.set_hanging(false);
     script.rest();
     assert!(script.viewer().a.renderer.submitted() > drawn);
@@ -394,16 +394,16 @@ fn the_window_does_not_queue_up_behind_a_picture_that_hangs() {
     script.rest();
     script.set_hanging(true);
     script.viewer().a.renderer.set_param("shade", Some(Value::Float(0.25)));
-    script.until("the frame that hangs", |script| script.in_flight());
+    script.until("the frame that hangs", |script| script.shell.in_flight().is_some());
     std::thread::sleep(std::time::Duration::from_millis(200));
     script.submissions();
     script.panels().help = true;
     for _ in 0..20 {
         let frame = script.frame(false).expect("the device is not lost");
-        assert!(!frame.drawn, "{:?}", script.stalled());
+        assert!(!frame.drawn, "{:?}", script.shell.stalled());
     }
     assert_eq!(script.submissions(), 0);
-    assert!(script.stalled().is_some_and(|running| running.place.contains("of `")));
+    assert!(script.shell.stalled().is_some_and(|running| running.place.contains("of `")));
     script.set_hanging(false);
     script.rest();
     assert!(script.submissions() > 0);

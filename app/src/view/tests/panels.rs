@@ -106,7 +106,7 @@ fn a_single_key_with_ctrl_or_alt_is_another_shortcut() {
 
 /// Returns the control that has the keyboard focus.
 pub fn focused(script: &Script) -> Option<egui::Response> {
-    let ctx = script.context();
+    let ctx = script.shell.context();
     ctx.memory(|memory| memory.focused()).and_then(|id| ctx.read_response(id))
 }
 
@@ -409,13 +409,13 @@ fn the_status_line_is_silent_about_a_hidden_b() {
 
 #[test]
 fn the_size_of_texts_is_there_again_at_the_next_start() {
-    let zoom = |script: &mut Script| script.context().zoom_factor();
+    let zoom = |script: &mut Script| script.shell.context().zoom_factor();
     let mut script = window(&[]);
     script.press(Key::Equals, Modifiers::COMMAND);
     let larger = zoom(&mut script);
     assert!(larger > 1.0);
     let mut next = window(&[]);
-    let (before, after) = (script.context().clone(), next.context().clone());
+    let (before, after) = (script.shell.context().clone(), next.shell.context().clone());
     assert!(next.panels().restore(script.panels().arrangement(&before), &after));
     for _ in 0..3 {
         next.frame(false);

@@ -97,7 +97,7 @@ fn a_window_is_not_settled_before_the_splats_asked_for_at_the_start_are_picked_a
     script.panels().pick_first([0.5, 0.5]);
     script.panels().select_first([0.0, 0.0, 1.0, 1.0]);
     script.frame(false);
-    script.until("the requested state", |script| script.is_settled());
+    script.until("the requested state", |script| script.shell.is_settled());
     assert!(script.viewer().picked.is_some());
     assert!(!script.viewer().marks(RendererId::A).selected.is_empty());
     script.close(&[]);

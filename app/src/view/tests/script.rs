@@ -8,7 +8,7 @@ use crate::view::recovery::{Open, Recovery};
 use crate::view::shell::{Frame, FrameRequest, Shell};
 use crate::view::viewer::Viewer;
 use egui::{Key, Modifiers, Pos2, RawInput, Rect, Vec2};
-use splatgraph_api::{Device, Running};
+use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, synth};
 use splatgraph_framework::ir::Value;
 use splatgraph_null::{Call, Config, Fault, Journal, open};
@@ -95,7 +95,7 @@ pub struct Outcome {
 }
 
 pub struct Script {
-    shell: Shell,
+    pub shell: Shell,
     recovery: Recovery,
     devices: Rc<RefCell<Devices>>,
     size: (u32, u32),
@@ -211,10 +211,6 @@ impl Script {
         &mut self.shell.viewer
     }
 
-    pub fn context(&self) -> &egui::Context {
-        self.shell.context()
-    }
-
     pub fn panels(&mut self) -> &mut Panels {
         &mut self.shell.panels
     }
@@ -273,10 +269,6 @@ impl Script {
         calls.filter(|call| matches!(call, Call::Submit { encoder, .. } if encoder == "frame")).count()
     }
 
-    pub fn collect(&mut self) -> bool {
-        self.shell.collect()
-    }
-
     /// Makes the first device hang in later submissions, or resume. With two devices, the first is the scene's.
     pub fn set_hanging(&mut self, hangs: bool) {
         self.hangs = hangs;
@@ -285,27 +277,11 @@ impl Script {
         if hangs { journal.hang() } else { journal.resume() }
     }
 
-    pub fn stalled(&self) -> Option<&Running> {
-        self.shell.stalled()
-    }
-
-    pub fn window_size(&self) -> (u32, u32) {
-        self.shell.window().size()
-    }
-
-    pub fn is_settled(&self) -> bool {
-        self.shell.is_settled()
-    }
-
-    pub fn in_flight(&self) -> bool {
-        self.shell.in_flight().is_some()
-    }
-
     /// Draws frames until none is due.
     pub fn rest(&mut self) {
         self.until("rest", |script| {
             let next = script.frame(false).expect("the device is not lost").next;
-            next.is_none() && !script.collect() && !script.in_flight()
+            next.is_none() && !script.shell.collect() && script.shell.in_flight().is_none()
         });
     }
 
