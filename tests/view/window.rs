@@ -21,7 +21,6 @@ fn a_person_uses_the_window() {
     parameters(&mut program, &first);
     camera(&mut program, &first);
     mistakes(&mut program, &first);
-    comparisons(&mut program, &first);
     screen(&mut program, &first);
 
     program.close();
@@ -238,31 +237,6 @@ fn mistakes(program: &mut Program, first: &Pixels) {
         event["event"] == "control_gone" && event["name"] == "mistakes"
     });
     program.view_is("the picture alone", first);
-}
-
-fn comparisons(program: &mut Program, first: &Pixels) {
-    let since = program.now();
-    program.click("compare:split");
-    program.swapped(since, "b", "start");
-    program.settle();
-    let view = program.control("view");
-    let width = view[2] - view[0];
-    // The dividing line is a black pixel and a white one.
-    let stands_at = |shown: &Pixels, x: i32| {
-        let row = shown.height - 20;
-        shown.at(x as usize - 1, row) == [0; 3] && shown.at(x as usize, row) == [255; 3]
-    };
-    program.view_until("a line in the middle", |shown| stands_at(shown, (width + 1) / 2));
-    let [x, y] = middle(view);
-    program.drag(1, &[[x, y], [x - 50, y], [x - 100, y]]);
-    let moved =
-        program.view_until("the line where it was dragged", |shown| stands_at(shown, x - 100 - view[0]));
-    assert!(moved.differs(first) < 0.05, "the camera moved with the line");
-
-    program.click("compare:difference");
-    program.view_until("no difference", |shown| shown.rgb.iter().all(|pixel| *pixel == [0; 3]));
-    program.click("compare:off");
-    program.view_is("A alone", first);
 }
 
 fn screen(program: &mut Program, first: &Pixels) {

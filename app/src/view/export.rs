@@ -137,29 +137,6 @@ mod tests {
         Exporter::new(Arc::new(|| {}))
     }
 
-    fn written(exporter: &mut Exporter) -> Result<Written, String> {
-        exporter.wait().expect("a file is being written").1
-    }
-
-    #[test]
-    fn splats_are_written_as_a_scene_or_as_a_list() {
-        let folder = tempfile::tempdir().unwrap();
-        let scene = Arc::new(synth::generate("uniform", 200, 1).unwrap());
-        let splats: Arc<SplatSet> = Arc::new([3, 50, 199].into_iter().collect());
-        let mut exporter = exporter();
-        let path = folder.path().join("new/part.ply");
-        exporter.start(scene.clone(), splats.clone(), None, &path).unwrap();
-        let bytes = |path: &Path| std::fs::metadata(path).unwrap().len();
-        let found = written(&mut exporter).unwrap();
-        assert_eq!(found, Written { splats: 3, bytes: bytes(&path), lost: Vec::new() });
-        let part = Scene::load(&path, QUIET).unwrap();
-        assert_eq!(part.positions(), [3, 50, 199].map(|index| scene.positions()[index]));
-        let list = folder.path().join("part.json");
-        exporter.start(scene.clone(), splats.clone(), None, &list).unwrap();
-        assert_eq!(written(&mut exporter).unwrap().bytes, bytes(&list));
-        assert_eq!(SplatSet::read(&list, &scene), Ok((*splats).clone()));
-    }
-
     #[test]
     fn existing_files_unknown_formats_and_nothing_are_refused() {
         let folder = tempfile::tempdir().unwrap();

@@ -114,17 +114,6 @@ mod tests {
     }
 
     #[test]
-    fn a_result_wakes_the_window_and_is_taken_once() {
-        let (mut worker, wakes) = worker();
-        assert_eq!((worker.busy(), worker.take()), (false, None));
-        worker.start(|_| Some(Ok(7))).unwrap();
-        assert!(worker.busy());
-        wakes.recv_timeout(Duration::from_secs(60)).expect("a call of wake");
-        assert_eq!(worker.take(), Some(Ok(7)));
-        assert_eq!((worker.busy(), worker.take()), (false, None));
-    }
-
-    #[test]
     fn of_many_requests_only_the_newest_is_answered() {
         let (mut worker, wakes) = worker();
         let (ends, end) = channel();

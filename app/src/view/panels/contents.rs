@@ -3,11 +3,11 @@
 use super::number::{NumberField, Scale};
 use super::selection::Selection;
 use super::theme::Palette;
-use super::widgets::Control as _;
+use super::widgets::{self, Control as _};
 use crate::draw::inspect::{Finding, ReadAs, sorted_keys};
 use crate::view::viewport::{Inspection, Viewport};
 use egui::style::ScrollAnimation;
-use egui::{Align, Button, Color32, ColorImage, ComboBox, Rect, RichText, TextureHandle, TextureOptions, Ui};
+use egui::{Align, Button, Color32, ColorImage, Rect, RichText, TextureHandle, TextureOptions, Ui};
 use egui_plot::{Bar, BarChart, Plot};
 use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
@@ -175,12 +175,10 @@ impl State {
         if channels > 1 {
             ui.horizontal(|ui| {
                 ui.label("Histogram of");
-                let chosen = ComboBox::from_id_salt("word").selected_text(format!("word {}", self.channel));
-                chosen.show_ui(ui, |ui| {
-                    for channel in 0..channels {
-                        ui.selectable_value(&mut self.channel, channel, format!("word {channel}"));
-                    }
-                });
+                let text = |channel: usize| format!("word {channel}");
+                let shown = text(self.channel);
+                let all = (0..channels).map(|channel| (channel, text(channel)));
+                widgets::choice(ui, "word", &shown, &mut self.channel, all);
             });
         }
         let end = finding.counted.map_or(finding.words.len(), |n| n as usize * channels);
@@ -240,21 +238,13 @@ impl State {
 
 fn choose(ui: &mut Ui, plan: &Plan, inspection: &mut Inspection) {
     ui.horizontal_wrapped(|ui| {
-        let mut changed = false;
-        ComboBox::from_id_salt("resource").selected_text(inspection.resource.as_str()).show_ui(ui, |ui| {
-            for resource in &plan.resources {
-                changed |= ui
-                    .selectable_value(&mut inspection.resource, resource.name.clone(), &resource.name)
-                    .changed();
-            }
-        });
+        let former = (inspection.resource.clone(), inspection.pass.clone());
+        let resources = plan.resources.iter().map(|resource| (resource.name.clone(), &resource.name));
+        widgets::choice(ui, "resource", &former.0, &mut inspection.resource, resources);
         ui.label("after");
-        ComboBox::from_id_salt("pass").selected_text(inspection.pass.as_str()).show_ui(ui, |ui| {
-            for pass in plan.order() {
-                let name = &plan.pass(pass).name;
-                changed |= ui.selectable_value(&mut inspection.pass, name.clone(), name).changed();
-            }
-        });
+        let passes = plan.order().map(|pass| &plan.pass(pass).name).map(|name| (name.clone(), name));
+        widgets::choice(ui, "pass", &former.1, &mut inspection.pass, passes);
+        let changed = (&inspection.resource, &inspection.pass) != (&former.0, &former.1);
         let read = ui.button("Read").clicked();
         ui.checkbox(&mut inspection.follow, "every frame");
         if changed || read {

@@ -6,7 +6,7 @@ use super::selection::{self, Dumped, Selection, bound_bytes};
 use super::theme::{self, Palette};
 use super::widgets::{self, Control as _, fact, heading, link};
 use crate::view::viewport::Viewport;
-use egui::{RichText, Ui};
+use egui::{Response, RichText, Ui};
 use egui_plot::{Line, PlotPoints};
 use splatgraph_framework::dump::{self, Declared, Dump, DumpBarrier, DumpPass, DumpResource};
 use splatgraph_framework::ir::{Masks, Origin, Run, Use};
@@ -60,10 +60,17 @@ fn place(ui: &mut Ui, origin: &Origin, target: &mut Target) {
     }
 }
 
-fn pass_link(ui: &mut Ui, name: &str, target: &mut Target) {
-    if link(ui, name).clicked() {
-        *target.selection = Some(Selection::Pass(name.to_owned()));
+/// Draws a link that selects an item.
+fn item_link(ui: &mut Ui, text: impl Into<String>, item: Selection, target: &mut Target) -> Response {
+    let response = link(ui, text);
+    if response.clicked() {
+        *target.selection = Some(item);
     }
+    response
+}
+
+fn pass_link(ui: &mut Ui, name: &str, target: &mut Target) {
+    item_link(ui, name, Selection::Pass(name.to_owned()), target);
 }
 
 fn show_pass(ui: &mut Ui, viewport: &mut Viewport, dump: &Dump, pass: &DumpPass, target: &mut Target) {
@@ -125,17 +132,14 @@ fn show_pass(ui: &mut Ui, viewport: &mut Viewport, dump: &Dump, pass: &DumpPass,
     if !pass.dependencies.is_empty() {
         heading(ui, "Comes after");
         for dependency in &pass.dependencies {
-            if link(ui, dump::dependency_line(dependency)).clicked() {
-                *target.selection = Some(Selection::Pass(dependency.first.name.clone()));
-            }
+            let item = Selection::Pass(dependency.first.name.clone());
+            item_link(ui, dump::dependency_line(dependency), item, target);
         }
     }
     if !pass.barriers.is_empty() {
         heading(ui, "Waits at");
         for barrier in &pass.barriers {
-            if link(ui, dump::barrier_line(barrier)).clicked() {
-                *target.selection = Some(Selection::Barrier(barrier.id));
-            }
+            item_link(ui, dump::barrier_line(barrier), Selection::Barrier(barrier.id), target);
         }
     }
     if !pass.push.is_empty() {
@@ -183,10 +187,7 @@ fn show_touch(
             viewport.look_at(&touch.resource, &pass.name);
         }
         let masks = format!("{} {}", touch.stages, touch.accesses);
-        let name = link(ui, &touch.resource);
-        if name.hint(masks).clicked() {
-            *target.selection = Some(Selection::Resource(touch.resource.clone()));
-        }
+        item_link(ui, &touch.resource, Selection::Resource(touch.resource.clone()), target).hint(masks);
     });
 }
 
@@ -214,9 +215,7 @@ fn show_barrier(ui: &mut Ui, barrier: &DumpBarrier, target: &mut Target) {
         ui.add(egui::Label::new(kind).wrap());
         ui.horizontal_wrapped(|ui| {
             let Declared { name, declared } = &dependency.resource;
-            if link(ui, name).clicked() {
-                *target.selection = Some(Selection::Resource(name.clone()));
-            }
+            item_link(ui, name, Selection::Resource(name.clone()), target);
             place(ui, declared, target);
         });
         ui.horizontal_wrapped(|ui| {

@@ -8,7 +8,7 @@ use super::theme::{self, Palette, ROW};
 use super::widgets::{self, Control as _};
 use crate::view::events::{RendererId, Swap};
 use crate::view::renderer::Renderer;
-use egui::{Align, ComboBox, Id, Layout, RichText, Ui, UiBuilder};
+use egui::{Align, Id, Layout, RichText, Ui, UiBuilder};
 use indexmap::IndexMap;
 use splatgraph_framework::ir::{Domain, Param, ParamBinding, Value};
 use splatgraph_framework::lower::Control;
@@ -316,36 +316,16 @@ fn editor(ui: &mut Ui, param: &Param, width: f32) -> Option<Value> {
             let field = NumberField::new(&name, &param.name, scale);
             field.show_with_slider(ui, *value, width).map(Value::Float)
         }
-        (Domain::Choice(choices), Value::Text(value)) => choice(ui, &name, choices, value, width),
+        (Domain::Choice(choices), Value::Text(value)) => {
+            let mut chosen = value.clone();
+            ui.spacing_mut().combo_width = width;
+            widgets::choice(ui, &name, value, &mut chosen, choices.iter().map(|text| (text.clone(), text)));
+            (chosen != *value).then_some(Value::Text(chosen))
+        }
         // Unreachable for a valid plan.
         (_, value) => {
             ui.label(value.to_string());
             None
         }
     }
-}
-
-fn choice(ui: &mut Ui, name: &str, choices: &[String], value: &str, width: f32) -> Option<Value> {
-    let mut chosen = value.to_owned();
-    let response = ComboBox::from_id_salt(name)
-        .selected_text(chosen.as_str())
-        .width(width)
-        .truncate()
-        .show_ui(ui, |ui| {
-            for choice in choices {
-                let item = ui.selectable_value(&mut chosen, choice.clone(), choice);
-                // egui closes the list only if a pointer chooses.
-                if item.clicked() {
-                    ui.close();
-                }
-                // egui lays out an opening list once invisibly, at another position.
-                if ui.is_visible() {
-                    item.named(&format!("{name}={choice}"));
-                }
-            }
-        })
-        .response;
-    widgets::return_focus(ui, &response);
-    response.named(name);
-    (chosen != value).then_some(Value::Text(chosen))
 }

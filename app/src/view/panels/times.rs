@@ -4,13 +4,14 @@ use super::theme::{self, Palette};
 use super::widgets::{self, Control as _, fact, heading, row};
 use crate::view::history::{History, Quantiles, Row, Series};
 use crate::view::viewport::Viewport;
-use egui::{Align, ComboBox, Label, Layout, Response, RichText, Sense, Ui, WidgetText, vec2};
+use egui::{Align, Label, Layout, Response, RichText, Sense, Ui, WidgetText, vec2};
 use egui_plot::{Line, PlotPoints, VLine};
 use indexmap::IndexSet;
 use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 use splatgraph_framework::dump;
 use splatgraph_framework::plan::Plan;
+use std::iter;
 use std::sync::Arc;
 
 const COLUMN: f32 = 72.0;
@@ -138,19 +139,11 @@ fn choose(ui: &mut Ui, phases: &[Series], plotted: &mut Option<String>) {
     if plotted.as_ref().is_some_and(|phase| phases.iter().all(|series| series.name != *phase)) {
         *plotted = None;
     }
-    let chosen = plotted.as_ref().map_or("all phases".to_owned(), |phase| format!("passes of {phase}"));
-    let list = ComboBox::from_id_salt("plotted").selected_text(chosen).show_ui(ui, |ui| {
-        let mut clicked = ui.selectable_value(plotted, None, "all phases").clicked();
-        for Series { name, .. } in phases {
-            let item = ui.selectable_value(plotted, Some(name.clone()), format!("passes of {name}"));
-            clicked |= item.clicked();
-        }
-        // egui closes the list only if a pointer chooses.
-        if clicked {
-            ui.close();
-        }
-    });
-    widgets::return_focus(ui, &list.response);
+    let text =
+        |phase: Option<&String>| phase.map_or("all phases".to_owned(), |phase| format!("passes of {phase}"));
+    let shown = text(plotted.as_ref());
+    let all = iter::once(None).chain(phases.iter().map(|series| Some(&series.name)));
+    widgets::choice(ui, "plotted", &shown, plotted, all.map(|phase| (phase.cloned(), text(phase))));
 }
 
 /// Plots series, each with its colour index. `changes` are the frame numbers at which the plan changed.

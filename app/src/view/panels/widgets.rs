@@ -5,7 +5,7 @@ use super::theme::{self, Palette, ROW, TEXT};
 use egui::{
     Align, FontId, Layout, Painter, Pos2, Rect, RectAlign, Response, RichText, Stroke, Ui, Vec2, pos2,
 };
-use egui::{Context, Popup, ScrollArea, Tooltip, WidgetText};
+use egui::{ComboBox, Context, Popup, ScrollArea, Tooltip, WidgetText};
 use egui_plot::Plot;
 
 /// Sides on which a hint may appear without covering its control.
@@ -225,6 +225,31 @@ fn ranked<T>(items: impl IntoIterator<Item = T>, rank: impl Fn(&T) -> Option<u8>
         items.into_iter().filter_map(|item| rank(&item).map(|rank| (rank, item))).collect();
     found.sort_by_key(|(rank, _)| *rank);
     found.into_iter().map(|(_, item)| item).collect()
+}
+
+/// Draws a list of choices, which shows `shown` while it is closed; sets `value` to the one that the user chooses.
+pub fn choice<T: PartialEq, S: AsRef<str>>(
+    ui: &mut Ui,
+    name: &str,
+    shown: &str,
+    value: &mut T,
+    choices: impl IntoIterator<Item = (T, S)>,
+) {
+    let list = ComboBox::from_id_salt(name).selected_text(shown).truncate().show_ui(ui, |ui| {
+        for (choice, text) in choices {
+            let item = ui.selectable_value(value, choice, text.as_ref());
+            // egui closes the list only if a pointer chooses.
+            if item.clicked() {
+                ui.close();
+            }
+            // egui lays out an opening list once invisibly, at another position.
+            if ui.is_visible() {
+                item.named(&format!("{name}={}", text.as_ref()));
+            }
+        }
+    });
+    return_focus(ui, &list.response);
+    list.response.named(name);
 }
 
 /// Creates a plot of times in milliseconds, without zooming and panning. `height` is in points.
