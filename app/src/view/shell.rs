@@ -24,7 +24,6 @@ use egui::epaint::ClippedPrimitive;
 use egui::epaint::textures::TexturesDelta;
 use egui::{Context, RawInput, Rect, ViewportId};
 use splatgraph_api::{BackendError, BufferContents, Device, FrameInputs, Pixels, Running};
-use splatgraph_framework::ir::Catalog;
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -84,7 +83,6 @@ pub struct Shell {
     ctx: Context,
     painter: Painter,
     canvas: Renderer,
-    catalog: Arc<Catalog>,
     history: History,
     events: Vec<Event>,
     /// Content of the window's newest frame, without the user interface. `None` before the first, on new devices, and
@@ -123,8 +121,6 @@ impl Shell {
         ctx.options_mut(|options| {
             options.input_options.surrender_focus_on = egui::SurrenderFocusOn::Presses;
         });
-        let mut catalog = Catalog::default();
-        paint::offer(&mut catalog);
         viewer.to_host = !viewer.a.renderer.device().is_some_and(|device| device.shares_device(&canvas));
         Ok(Shell {
             viewer,
@@ -132,7 +128,6 @@ impl Shell {
             ctx,
             painter: Painter::default(),
             canvas: Renderer::new(RendererId::Window, canvas, Choice::new(graph, &[]), wake)?,
-            catalog: Arc::new(catalog),
             history: History::default(),
             events: Vec::new(),
             shown: None,
@@ -311,8 +306,7 @@ impl Shell {
         view: [u32; 4],
         (textures, primitives, pixels_per_point): (TexturesDelta, Vec<ClippedPrimitive>, f32),
     ) -> (bool, Option<Pixels>) {
-        let inputs =
-            PlanInputs { scene: None, catalog: self.catalog.clone(), size: request.size, share_memory: true };
+        let inputs = PlanInputs { scene: None, size: request.size, share_memory: true };
         self.canvas.poll(&inputs, Instant::now());
         let [a, b] = self.viewer.pictures();
         let pictures = [&a, &b].map(|picture| picture.as_ref().map(|(_, number)| *number));

@@ -9,9 +9,10 @@ use crate::draw::fingerprint::commands;
 use crate::draw::planner::Planner;
 use crate::draw::session::Upload;
 use crate::view::events::Causes;
+use crate::view::paint;
 use crate::view::profile::zone;
 use splatgraph_api::{Loader as _, Progress};
-use splatgraph_framework::ir::DeviceFacts;
+use splatgraph_framework::ir::{Catalog, DeviceFacts};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
@@ -65,15 +66,19 @@ fn build(planner: &mut Planner, cancel: &Cancel, job: Job) -> Built {
     planner.share_memory = inputs.share_memory;
     planner.capacities.clone_from(&capacities);
     let scene = inputs.scene.as_deref();
-    let facts = match scene {
-        Some(scene) => facts::facts(&SceneFacts::of(scene), &device, inputs.size),
-        None => facts::without_scene(&device, inputs.size),
+    let (facts, catalog) = match scene {
+        Some(scene) => (facts::facts(&SceneFacts::of(scene), &device, inputs.size), facts::catalog(scene)),
+        None => {
+            let mut catalog = Catalog::default();
+            paint::offer(&mut catalog);
+            (facts::without_scene(&device, inputs.size), catalog)
+        }
     };
-    if !strict && let Ok(rejected) = planner.rejected_settings(&graph, &set, &facts, &inputs.catalog) {
+    if !strict && let Ok(rejected) = planner.rejected_settings(&graph, &set, &facts, &catalog) {
         set.retain(|(name, _)| !rejected.contains(name));
     }
-    let plan = planner.plan(&graph, &set, &facts, &inputs.catalog);
-    let plan = plan.and_then(|plan| Ok((plan, planner.controls(&graph, &set, &facts, &inputs.catalog)?)));
+    let plan = planner.plan(&graph, &set, &facts, &catalog);
+    let plan = plan.and_then(|plan| Ok((plan, planner.controls(&graph, &set, &facts, &catalog)?)));
     let plan_ms = milliseconds(begun);
     let wanted = planner.wanted();
     let begun = Instant::now();

@@ -5,7 +5,6 @@ use crate::view::events::{Cause, Causes};
 use indexmap::IndexMap;
 use splatgraph_api::{BackendError, Recovery};
 use splatgraph_assets::Scene;
-use splatgraph_framework::ir::Catalog;
 use splatgraph_framework::reload::Attempt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -44,10 +43,8 @@ impl Choice {
 /// Inputs of a plan, other than its files and parameters.
 #[derive(Clone)]
 pub struct PlanInputs {
-    /// The scene to draw; `None` for a graph that draws no scene, such as the window's.
+    /// The scene to draw; `None` for the window's graph, which gets the imports of [`crate::view::paint::offer`] instead.
     pub scene: Option<Arc<Scene>>,
-    /// Imports that graphs may use, by name.
-    pub catalog: Arc<Catalog>,
     /// Size of the picture, in pixels.
     pub size: (u32, u32),
     /// True to let resources share memory; see [`splatgraph_framework::ir::Request::share_memory`].
@@ -175,8 +172,7 @@ mod tests {
     #[test]
     fn a_scene_and_a_size_that_are_built_at_once_are_both_told() {
         let scene = |splats| Some(Arc::new(synth::generate("uniform", splats, 0).expect("a scene")));
-        let former =
-            PlanInputs { scene: scene(10), catalog: Arc::default(), size: (64, 36), share_memory: true };
+        let former = PlanInputs { scene: scene(10), size: (64, 36), share_memory: true };
         let both = PlanInputs { scene: scene(20), size: (32, 18), ..former.clone() };
         assert_eq!(former.differs(&former), Causes::default());
         assert_eq!(both.differs(&former).to_string(), "a change of the scene, another size");

@@ -2,7 +2,7 @@
 //! is built.
 
 use super::script::{Script, arranged};
-use crate::draw::{backend::Backend, facts};
+use crate::draw::backend::Backend;
 use crate::view::events::{Event, RendererId};
 use crate::view::renderer::{Choice, PlanInputs, Renderer};
 use splatgraph_assets::Scene;
@@ -227,12 +227,7 @@ fn a_plan_that_never_fits_is_tried_less_and_less_often_until_something_changes()
     let folder = arranged();
     let graph = folder.path().join("graph.ron");
     let scene = Scene::load(folder.path().join("first.ply"), splatgraph_assets::QUIET).expect("the scene");
-    let inputs = PlanInputs {
-        catalog: Arc::new(facts::catalog(&scene)),
-        scene: Some(Arc::new(scene)),
-        size: (64, 36),
-        share_memory: true,
-    };
+    let inputs = PlanInputs { scene: Some(Arc::new(scene)), size: (64, 36), share_memory: true };
     let (device, path) = (Backend::Null(device), graph.to_string_lossy());
     let renderer = Renderer::new(RendererId::A, device, Choice::new(&path, &[]), Arc::new(|| {}));
     let (mut renderer, mut now) = (renderer.expect("a renderer"), Instant::now());

@@ -42,12 +42,7 @@ impl Viewer {
 
     pub(super) fn step_copy(&mut self, now: Instant) {
         let Some(viewport) = &mut self.copying else { return };
-        let inputs = PlanInputs {
-            scene: Some(self.subject.scene.clone()),
-            catalog: self.subject.catalog.clone(),
-            size: SIZE,
-            share_memory: true,
-        };
+        let inputs = PlanInputs { scene: Some(self.subject.scene.clone()), size: SIZE, share_memory: true };
         viewport.renderer.paused = self.rests;
         viewport.renderer.poll(&inputs, now);
         let (camera, scene) = (self.navigation.camera(SIZE.0, SIZE.1), &self.subject.scene);

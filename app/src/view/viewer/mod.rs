@@ -466,7 +466,6 @@ impl Viewer {
         for (viewport, (subject, camera)) in viewports.zip(subjects.into_iter().zip(&cameras)) {
             let inputs = PlanInputs {
                 scene: Some(subject.scene.clone()),
-                catalog: subject.catalog.clone(),
                 size,
                 share_memory: viewport.inspection.is_none(),
             };

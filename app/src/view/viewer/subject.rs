@@ -11,7 +11,6 @@ use crate::view::latest::Latest;
 use crate::view::navigation::Navigation;
 use crate::view::renderer::Wake;
 use splatgraph_assets::{Camera, SH_C0, Scene, SceneMemoryError, ScenePart, Splat};
-use splatgraph_framework::ir::Catalog;
 use splatgraph_framework::source::canonical;
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -77,22 +76,9 @@ pub(super) struct Search {
     pub combine: Combine,
 }
 
-struct MarkedScene {
-    scene: Arc<Scene>,
-    catalog: Arc<Catalog>,
-}
-
-impl MarkedScene {
-    fn of(scene: Arc<Scene>) -> MarkedScene {
-        let catalog = Arc::new(facts::catalog(&scene));
-        MarkedScene { scene, catalog }
-    }
-}
-
 pub(super) struct Subject {
     /// The scene as drawn, with its marks applied.
     pub scene: Arc<Scene>,
-    pub catalog: Arc<Catalog>,
     /// The scene as loaded.
     pub whole: Arc<Scene>,
     pub path: PathBuf,
@@ -104,7 +90,7 @@ pub(super) struct Subject {
     pub left_out: Arc<SplatSet>,
     /// The requested marks; `scene` shows them once the marked copy is made.
     marks: Marks,
-    maker: Latest<MarkedScene>,
+    maker: Latest<Arc<Scene>>,
     /// The running search for splats in a region.
     pub finder: Latest<(Combine, SplatSet)>,
     /// Queued searches, oldest first.
@@ -113,11 +99,10 @@ pub(super) struct Subject {
 
 impl Subject {
     pub fn new(scene: impl Into<Arc<Scene>>, path: PathBuf, wake: Wake) -> Subject {
-        let MarkedScene { scene, catalog } = MarkedScene::of(scene.into());
+        let scene = scene.into();
         Subject {
             whole: scene.clone(),
             scene,
-            catalog,
             file: canonical(&path),
             path,
             up: None,
@@ -136,7 +121,7 @@ impl Subject {
         let mut copy = Subject::new(self.whole.clone(), self.path.clone(), wake);
         copy.file.clone_from(&self.file);
         (copy.up, copy.left_out) = (self.up, self.left_out.clone());
-        copy.show(MarkedScene { scene: self.scene.clone(), catalog: self.catalog.clone() });
+        copy.scene.clone_from(&self.scene);
         if self.maker.busy() {
             let applied = copy.set_marks(self.marks.clone());
             return (copy, applied);
@@ -241,7 +226,7 @@ impl Subject {
         }
         if marks.is_empty() {
             self.maker.cancel();
-            self.show(MarkedScene::of(self.whole.clone()));
+            self.scene = self.whole.clone();
         } else {
             let (whole, of) = (self.whole.clone(), marks.clone());
             self.maker.start(move |_| {
@@ -249,7 +234,7 @@ impl Subject {
                 Some(marked.map(|scene| {
                     // Computed here rather than on the frame's thread; the scene caches it.
                     scene.identity();
-                    MarkedScene::of(Arc::new(scene))
+                    Arc::new(scene)
                 }))
             })?;
         }
@@ -262,18 +247,14 @@ impl Subject {
     pub fn take_drawn(&mut self) -> Result<(), String> {
         match self.maker.take() {
             None => {}
-            Some(Ok(drawn)) => self.show(drawn),
+            Some(Ok(drawn)) => self.scene = drawn,
             Some(Err(error)) => {
                 self.marks = Marks::default();
-                self.show(MarkedScene::of(self.whole.clone()));
+                self.scene = self.whole.clone();
                 return Err(error);
             }
         }
         Ok(())
-    }
-
-    fn show(&mut self, MarkedScene { scene, catalog }: MarkedScene) {
-        (self.scene, self.catalog) = (scene, catalog);
     }
 }
 
