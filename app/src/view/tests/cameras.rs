@@ -1,6 +1,6 @@
 //! Tests picking, playback of a path, and saved views, on the null device.
 
-use super::script::{Script, arranged};
+use super::script::{GRAPH, Script, arranged};
 use crate::draw::pick;
 use crate::draw::splat_set::Masked;
 use crate::view::cameras::write;
@@ -125,10 +125,8 @@ fn another_up_turns_the_scene_upright_unless_it_has_cameras() {
 }
 
 fn orthographic(folder: &Path) {
-    let path = folder.join("graph.ron");
-    let text = std::fs::read_to_string(&path).expect("the graph is read");
     let parameter = "params: {\n    \"projection\": Const(Choice(default: \"orthographic\", of: [\"pinhole\", \"orthographic\"])),";
-    std::fs::write(&path, text.replace("params: {", parameter)).expect("the graph is written");
+    std::fs::write(folder.join("graph.ron"), GRAPH.replace("params: {", parameter)).expect("it is written");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Tests that the viewer submits frames only for changes, and that a slow picture does not block it.
 
-use super::script::{Script, arranged};
+use super::script::{GRAPH, Script, arranged};
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Input;
 use egui::{Key, Modifiers};
@@ -103,22 +103,20 @@ fn what_is_inspected_is_read_again_in_each_new_plan_and_is_an_error_without_its_
     assert_eq!(found(&mut script).expect("contents").shape, [1024]);
     script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
     assert_eq!(found(&mut script).expect("contents").shape, [2048]);
-    let graph = script.path("graph.ron");
-    let text = std::fs::read_to_string(&graph).expect("the graph");
     let save = |script: &mut Script, text: &str| {
         let swaps = |script: &Script| {
             script.events.iter().filter(|event| matches!(event, Event::Swapped { .. })).count()
         };
         let before = swaps(script);
-        std::fs::write(&graph, text).expect("it is written");
+        script.write("graph.ron", text);
         script.until("the file", |script| swaps(script) > before);
     };
-    save(&mut script, &text.replace("\"table\"", "\"list\""));
+    save(&mut script, &GRAPH.replace("\"table\"", "\"list\""));
     script.until("an error", |script| {
         let found = script.viewer().a.inspection.as_ref().and_then(|i| i.found.as_ref());
         matches!(found, Some(Err(error)) if error.contains("no resource `table`"))
     });
-    save(&mut script, &text);
+    save(&mut script, GRAPH);
     assert_eq!(found(&mut script).expect("contents").shape, [2048]);
     script.close(&[]);
 }
@@ -180,10 +178,8 @@ fn undoing_skips_a_parameter_that_the_file_no_longer_declares() {
     script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
     script.settle();
     assert_eq!(script.panels().undo_steps(), 2);
-    let graph = script.path("graph.ron");
-    let text = std::fs::read_to_string(&graph).expect("the graph");
-    std::fs::write(&graph, text.replace("\"digits\"", "\"numbers\"").replace("<< digits", "<< numbers"))
-        .expect("it is written");
+    let text = GRAPH.replace("\"digits\"", "\"numbers\"").replace("<< digits", "<< numbers");
+    script.write("graph.ron", text);
     script.until("the file", |script| script.has_event(|event| matches!(event, Event::Dropped { .. })));
     script.settle();
     script.press(Key::Z, Modifiers::COMMAND);
@@ -195,8 +191,6 @@ fn undoing_skips_a_parameter_that_the_file_no_longer_declares() {
 #[test]
 fn a_setting_that_an_edit_excludes_is_dropped_with_the_reason_once_the_graph_builds_and_restored_with_it() {
     let mut script = resting();
-    let graph = script.path("graph.ron");
-    let text = std::fs::read_to_string(&graph).expect("the graph");
     let digits = |script: &mut Script| {
         let renderer = &script.viewer().a.renderer;
         let param = renderer.plan().expect("a plan").params[0].clone();
@@ -208,7 +202,7 @@ fn a_setting_that_an_edit_excludes_is_dropped_with_the_reason_once_the_graph_bui
     // Renaming a declaration without its uses is an error; the former plan keeps its setting.
     let save = |script: &mut Script, from: &str, to: &str| {
         script.events.clear();
-        std::fs::write(&graph, text.replace(from, to)).expect("it is written");
+        script.write("graph.ron", GRAPH.replace(from, to));
         script.until("the save", |script| {
             script.has_event(|event| matches!(event, Event::Swapped { .. } | Event::Failed { .. }))
         });
@@ -245,7 +239,7 @@ fn a_parameter_that_a_preset_sets_can_have_its_default_and_returns_to_the_preset
     let mut script = resting();
     let preset = script.path("preset.ron");
     let text = r#"Preset(graph: "graph.ron", summary: "", set: { "digits": 6, "shade": 0.25 })"#;
-    std::fs::write(&preset, text).expect("it is written");
+    script.write("preset.ron", text);
     script.viewer().a.renderer.choose(&preset.to_string_lossy(), Default::default());
     script.settle();
     for (value, expected) in [(Some(Value::Int(4)), "4"), (Some(Value::Int(6)), "6"), (None, "6")] {
@@ -337,11 +331,9 @@ fn the_first_plan_has_the_size_of_the_view_beside_the_panels() {
 #[test]
 fn a_graph_with_a_history_is_drawn_all_the_time() {
     let mut script = resting();
-    let graph = script.path("graph.ron");
-    let text = std::fs::read_to_string(&graph).expect("the graph");
     let keys = "\"keys\": Buffer(stride: 4, count: \"max(n, entries)\"";
-    assert!(text.contains(keys));
-    std::fs::write(&graph, text.replace(keys, &format!("{keys}, history: true"))).expect("it is written");
+    assert!(GRAPH.contains(keys));
+    script.write("graph.ron", GRAPH.replace(keys, &format!("{keys}, history: true")));
     script.until("the history", |script| {
         let plan = script.viewer().a.renderer.plan().expect("a plan");
         plan.resources.iter().any(|resource| resource.history.is_some())

@@ -22,7 +22,7 @@ fn hold(script: &mut Script, held: Key, modifiers: Modifiers) {
 fn tab_to(script: &mut Script, name: &str) {
     for _ in 0..80 {
         script.press(Key::Tab, Modifiers::NONE);
-        let place = script.panels().controls.find(name);
+        let place = script.find(name);
         if focused(script).is_some_and(|control| Some(control.rect) == place) {
             return;
         }
@@ -59,14 +59,14 @@ fn tab_through_the_field_of_view_leaves_the_camera_and_a_comma_is_a_decimal_poin
     assert_eq!(camera(&mut script), before);
     assert_eq!(script.viewer().shown_camera(), Some(0));
     for (text, degrees, told) in [("52,5", 52.5, false), ("x", 52.5, true), ("500", 150.0, true)] {
-        script.until("no toast", |script| script.panels().controls.find("toast").is_none());
+        script.until("no toast", |script| script.find("toast").is_none());
         click(&mut script, "field_of_view#");
         script.input = vec![Text(text.to_owned())];
         script.frame(false);
         script.press(Key::Enter, Modifiers::NONE);
         script.frame(false);
         assert!((script.viewer().navigation.field_of_view() - degrees).abs() < 1e-9, "{text}");
-        assert_eq!(script.panels().controls.find("toast").is_some(), told, "{text}");
+        assert_eq!(script.find("toast").is_some(), told, "{text}");
         script.sleep(20);
     }
     script.close(&[]);
@@ -108,7 +108,7 @@ fn the_list_of_keys_uses_the_window_scrolls_by_keys_and_closes_with_escape() {
     script.press(Key::Tab, Modifiers::NONE);
     script.press(Key::F1, Modifiers::NONE);
     (0..10).for_each(|_| drop(script.frame(false)));
-    let find = |script: &mut Script, name: &str| script.panels().controls.find(name);
+    let find = |script: &Script, name: &str| script.find(name);
     let (shown, all) = (find(&mut script, "keys").expect("the list"), find(&mut script, "keys:all").unwrap());
     assert!(shown.height() > 400.0 && shown.bottom() <= 500.0, "{shown}");
     assert!(all.bottom() > shown.bottom(), "{all} in {shown}");
@@ -132,7 +132,7 @@ fn a_wide_window_shows_all_keys_at_once() {
     let mut script = window(&[]);
     script.press(Key::F1, Modifiers::NONE);
     (0..10).for_each(|_| drop(script.frame(false)));
-    let [shown, all] = ["keys", "keys:all"].map(|name| script.panels().controls.find(name).unwrap());
+    let [shown, all] = ["keys", "keys:all"].map(|name| script.find(name).unwrap());
     assert!(shown.contains_rect(all), "{all} in {shown}");
     script.close(&[]);
 }
@@ -189,11 +189,10 @@ fn a_list_opens_at_its_current_item_and_down_enters_it_there() {
     assert_eq!(script.viewer().camera, Some(150));
     click(&mut script, "camera");
     (0..10).for_each(|_| drop(script.frame(false)));
-    let [field, row] =
-        ["camera_search", "camera:150"].map(|name| script.panels().controls.find(name).expect("it is open"));
+    let [field, row] = ["camera_search", "camera:150"].map(|name| script.find(name).expect("it is open"));
     assert!(row.top() > field.bottom() && row.bottom() < field.bottom() + 320.0, "{row} below {field}");
     script.press(Key::ArrowDown, Modifiers::NONE);
-    let row = script.panels().controls.find("camera:150");
+    let row = script.find("camera:150");
     assert_eq!(focused(&script).map(|control| control.rect), row);
     script.press(Key::ArrowDown, Modifiers::NONE);
     script.press(Key::Enter, Modifiers::NONE);
@@ -209,12 +208,12 @@ fn the_card_of_a_comparison_is_in_its_place_in_the_first_frame_of_the_result() {
     script.viewer().measure();
     let mut cards = Vec::new();
     script.until("the result", |script| {
-        let mut find = |name: &str| script.panels().controls.find(name);
+        let mut find = |name: &str| script.find(name);
         cards.extend(find("comparison").zip(find("view")));
         script.has_event(|event| matches!(event, Event::Compared { .. }))
     });
     script.frame(false);
-    let found = ["comparison", "view", "worst"].map(|name| script.panels().controls.find(name));
+    let found = ["comparison", "view", "worst"].map(|name| script.find(name));
     let [Some(card), Some(view), Some(worst)] = found else { panic!("the card has the result: {found:?}") };
     // The card's rectangle is that of the next frame, its button's that of this one.
     assert!(card.contains_rect(worst), "{worst} in {card}");

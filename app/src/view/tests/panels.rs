@@ -1,6 +1,6 @@
 //! Tests the bars and tools by clicks and keys.
 
-use super::script::Script;
+use super::script::{GRAPH, Script};
 use crate::view::events::Event;
 use crate::view::navigation::Input;
 use crate::view::paint::Mode;
@@ -36,7 +36,7 @@ fn click_at(script: &mut Script, pos: Pos2) {
 
 /// Clicks a control; returns its position.
 pub fn click(script: &mut Script, name: &str) -> Pos2 {
-    let place = script.panels().controls.find(name).unwrap_or_else(|| panic!("{name} is not shown")).center();
+    let place = script.find(name).unwrap_or_else(|| panic!("{name} is not shown")).center();
     click_at(script, place);
     place
 }
@@ -81,9 +81,9 @@ fn a_second_click_on_a_button_of_a_menu_closes_it_in_a_small_window() {
     script.resize((640, 300));
     (0..3).for_each(|_| drop(script.frame(false)));
     let place = click(&mut script, "menu");
-    assert!(script.panels().controls.find("fit").is_some_and(|fit| !fit.contains(place)));
+    assert!(script.find("fit").is_some_and(|fit| !fit.contains(place)));
     click_at(&mut script, place);
-    assert_eq!(script.panels().controls.find("fit"), None);
+    assert_eq!(script.find("fit"), None);
     script.close(&[]);
 }
 
@@ -116,9 +116,9 @@ fn the_keyboard_focus_returns_to_a_button_whose_list_closes() {
     script.press(Key::Tab, Modifiers::NONE);
     let scene = focused(&script).expect("a control").id;
     script.press(Key::Enter, Modifiers::NONE);
-    assert!(script.panels().controls.find("scene_search").is_some());
+    assert!(script.find("scene_search").is_some());
     script.press(Key::Escape, Modifiers::NONE);
-    assert_eq!(script.panels().controls.find("scene_search"), None);
+    assert_eq!(script.find("scene_search"), None);
     assert_eq!(focused(&script).map(|control| control.id), Some(scene));
     script.close(&[]);
 }
@@ -155,7 +155,7 @@ fn a_path_plays_on_while_the_split_line_is_dragged() {
     }
     viewer.seek_path(0.0);
     viewer.play.play(&viewer.path);
-    let view = script.panels().controls.find("view").expect("the view");
+    let view = script.find("view").expect("the view");
     let at = |part: f32| view.lerp_inside(egui::vec2(part, 0.5));
     let before = script.viewer().play.position();
     script.input = vec![egui::Event::PointerMoved(at(0.5))];
@@ -204,7 +204,7 @@ fn a_search_that_finds_nothing_says_so_and_is_gone_when_the_list_opens_again() {
     let mut script = window(&[]);
     script.viewer().set_cameras(synth::demo_cameras());
     script.frame(false);
-    let find = |script: &mut Script, name: &str| script.panels().controls.find(name).is_some();
+    let find = |script: &Script, name: &str| script.find(name).is_some();
     let scene = format!("scene:{}", script.path("first.ply").display());
     for (list, item) in [("graph", "preset:splat"), ("camera", "camera:2"), ("scene", &scene)] {
         search(&mut script, list, "zzzz");
@@ -248,8 +248,7 @@ fn the_frame_rate_disappears_at_rest_and_with_another_plan() {
     script.rest();
     assert_eq!(script.panels().interval(), None);
     draw(&mut script);
-    let graph = script.path("graph.ron");
-    std::fs::write(&graph, std::fs::read_to_string(&graph).unwrap() + "\n").unwrap();
+    script.write("graph.ron", GRAPH.to_owned() + "\n");
     script.events.clear();
     script.until("the plan", |script| script.has_event(|event| matches!(event, Event::Swapped { .. })));
     assert_eq!(script.panels().interval(), None);
@@ -259,11 +258,9 @@ fn the_frame_rate_disappears_at_rest_and_with_another_plan() {
 #[test]
 fn another_graph_keeps_the_settings_that_it_has_and_reports_the_others() {
     let mut script = window(&[]);
-    let write = |script: &Script, name: &str, text: &str| std::fs::write(script.path(name), text).unwrap();
-    let text = std::fs::read_to_string(script.path("graph.ron")).unwrap();
-    let other = text.replace("\"digits\"", "\"numbers\"").replace("<< digits", "<< numbers");
-    write(&script, "other.ron", &other);
-    write(&script, "preset.ron", r#"Preset(graph: "graph.ron", summary: "five", set: { "digits": 5 })"#);
+    let other = GRAPH.replace("\"digits\"", "\"numbers\"").replace("<< digits", "<< numbers");
+    script.write("other.ron", other);
+    script.write("preset.ron", r#"Preset(graph: "graph.ron", summary: "five", set: { "digits": 5 })"#);
     for (name, reason) in
         [("other.ron", "this graph has no parameter digits"), ("preset.ron", "sets it itself")]
     {
@@ -299,18 +296,18 @@ fn a_key_of_a_tool_shows_it_while_the_tools_are_hidden() {
     let mut script = window(&[Tool::Parameters]);
     script.panels().hidden = true;
     script.press(Key::Num1, Modifiers::NONE);
-    assert!(!script.panels().hidden && script.panels().controls.find("tool:Parameters").is_some());
+    assert!(!script.panels().hidden && script.find("tool:Parameters").is_some());
     script.press(Key::Num1, Modifiers::NONE);
-    assert_eq!(script.panels().controls.find("tool:Parameters"), None);
+    assert_eq!(script.find("tool:Parameters"), None);
     script.close(&[]);
 }
 
 #[test]
 fn actions_without_another_effect_on_the_window_are_confirmed() {
     let mut script = window(&[Tool::Cameras]);
-    script.until("no toast", |script| script.panels().controls.find("toast").is_none());
+    script.until("no toast", |script| script.find("toast").is_none());
     click(&mut script, "copy_camera");
-    assert!(script.panels().controls.find("toast").is_some());
+    assert!(script.find("toast").is_some());
     script.close(&[]);
 }
 
@@ -323,13 +320,11 @@ fn typing_goes_on_in_the_same_parameter_when_a_reload_adds_one_above() {
         script.frame(false);
     };
     write(&mut script, "0.1");
-    let graph = script.path("graph.ron");
-    let text = std::fs::read_to_string(&graph).unwrap();
     let gamma = "\"gamma\": Const(Int(default: 64, range: (1, 64))),\n    \"shade\": Live";
-    let text = text.replace("\"shade\": Live", gamma).replace("Threads(64)", "Threads(\"gamma\")");
-    std::fs::write(&graph, text).unwrap();
-    script.until("the new row", |script| script.panels().controls.find("param:gamma#").is_some());
-    let row = |script: &mut Script, name: &str| script.panels().controls.find(name).unwrap().top();
+    let text = GRAPH.replace("\"shade\": Live", gamma).replace("Threads(64)", "Threads(\"gamma\")");
+    script.write("graph.ron", text);
+    script.until("the new row", |script| script.find("param:gamma#").is_some());
+    let row = |script: &mut Script, name: &str| script.find(name).unwrap().top();
     assert!(row(&mut script, "param:gamma#") < row(&mut script, "param:shade#"));
     write(&mut script, "5");
     script.press(Key::Enter, Modifiers::NONE);
@@ -341,43 +336,37 @@ fn typing_goes_on_in_the_same_parameter_when_a_reload_adds_one_above() {
 
 #[test]
 fn the_card_of_errors_has_room_for_longer_errors_than_its_first() {
-    let height = |script: &mut Script, part: &str, wrong: &str| {
-        let graph = script.path("graph.ron");
-        let text = std::fs::read_to_string(&graph).unwrap();
-        std::fs::write(&graph, text.replace(part, wrong)).unwrap();
+    let height = |script: &mut Script, wrong: &str, text: &str| {
+        script.write("graph.ron", text);
         let is_shown = |script: &mut Script| {
             let problem = script.viewer().a.renderer.problem(true);
             problem.is_some_and(|problem| problem.contains(wrong))
         };
         script.until(wrong, is_shown);
         (0..3).for_each(|_| drop(script.frame(false)));
-        script.panels().controls.find("mistakes").expect("the card is shown").height()
+        script.find("mistakes").expect("the card is shown").height()
     };
     let mut script = window(&[]);
-    let short = height(&mut script, "shade.comp", "shad.comp");
-    let long = height(&mut script, "key.comp", "kei.comp");
-    let mut fresh = window(&[]);
-    std::fs::write(fresh.path("graph.ron"), std::fs::read_to_string(script.path("graph.ron")).unwrap())
-        .unwrap();
-    let at_once = height(&mut fresh, "kei.comp", "kei.comp");
+    let one = GRAPH.replace("shade.comp", "shad.comp");
+    let two = one.replace("key.comp", "kei.comp");
+    let (short, long) = (height(&mut script, "shad.comp", &one), height(&mut script, "kei.comp", &two));
+    let at_once = height(&mut window(&[]), "kei.comp", &two);
     assert!(short < long && long == at_once, "{short}, {long}, in a new window {at_once}");
 }
 
 #[test]
 fn headings_follow_the_saved_graph_and_stay_in_the_order_of_its_parameters() {
     let mut script = window(&[Tool::Parameters]);
-    let graph = script.path("graph.ron");
-    let text = std::fs::read_to_string(&graph).unwrap();
-    let top = |script: &mut Script, name: &str| script.panels().controls.find(name).map(|rect| rect.top());
+    let top = |script: &mut Script, name: &str| script.find(name).map(|rect| rect.top());
     assert!(top(&mut script, "group:shade") > top(&mut script, "param:digits#"));
-    let text = text.replace("name: \"shade\",", "name: \"shade\", phase: \"brush\",");
-    std::fs::write(&graph, &text).unwrap();
-    script.until("the phase", |script| script.panels().controls.find("group:brush").is_some());
+    let text = GRAPH.replace("name: \"shade\",", "name: \"shade\", phase: \"brush\",");
+    script.write("graph.ron", &text);
+    script.until("the phase", |script| script.find("group:brush").is_some());
     assert_eq!(top(&mut script, "group:shade"), None);
     let wide = "params: {\n    \"wide\": Const(Int(default: 64, range: (1, 64))),";
     let text = text.replace("params: {", wide).replace("Threads(64)", "Threads(\"wide\")");
-    std::fs::write(&graph, text).unwrap();
-    script.until("the new row", |script| script.panels().controls.find("param:wide#").is_some());
+    script.write("graph.ron", text);
+    script.until("the new row", |script| script.find("param:wide#").is_some());
     assert!(
         top(&mut script, "group:brush") < top(&mut script, "param:digits#"),
         "the first parameter's group"
@@ -400,11 +389,11 @@ fn the_status_line_is_silent_about_a_hidden_b() {
     let mut script = window(&[]);
     script.viewer().choose_compare(Mode::Split);
     script.settle();
-    std::fs::write(script.path("graph.ron"), "Graph(").unwrap();
-    script.until("the error", |script| script.panels().controls.find("problem:B").is_some());
+    script.write("graph.ron", "Graph(");
+    script.until("the error", |script| script.find("problem:B").is_some());
     script.viewer().choose_compare(Mode::A);
-    script.until("A alone", |script| script.panels().controls.find("problem:B").is_none());
-    assert!(script.panels().controls.find("problem:A").is_some());
+    script.until("A alone", |script| script.find("problem:B").is_none());
+    assert!(script.find("problem:A").is_some());
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Tests frames that need more capacity than their plan has. They are held back or shown incomplete until a larger plan
 //! is built.
 
-use super::script::{Script, arranged};
+use super::script::{GRAPH, Script, arranged};
 use crate::draw::backend::Backend;
 use crate::view::events::{Event, RendererId};
 use crate::view::renderer::{Choice, PlanInputs, Renderer};
@@ -146,20 +146,14 @@ fn what_facts_chose_and_what_stands_in_for_a_graph_are_said_with_their_reasons()
         let a = &script.viewer().a;
         assert_eq!((a.fallback(), a.decisions()), (None, None), "the graph chooses nothing");
         let lanes = a.renderer.plan().expect("a plan").facts["device.subgroup_size"].clone();
-        let path = script.path("chosen.ron");
-        let write = |text: &str| std::fs::write(&path, text).expect("a file is written");
         let choice = r#""narrow": Const(Bool(default: "device.subgroup_size < 4096")),"#;
-        let text = std::fs::read_to_string(script.path("graph.ron")).expect("the graph");
-        write(&text.replace("params: {", &format!("params: {{ {choice}")));
+        script.write("chosen.ron", GRAPH.replace("params: {", &format!("params: {{ {choice}")));
         let graph = script.path("wanted.ron");
         let needs = r#"require: [("device.subgroup_size > 4096", "wide subgroups")]"#;
-        std::fs::write(
-            script.path("wide.ron"),
-            format!(r#"Preset(graph: "graph.ron", summary: "", set: {{}}, {needs})"#),
-        )
-        .expect("a file is written");
+        let wide = format!(r#"Preset(graph: "graph.ron", summary: "", set: {{}}, {needs})"#);
+        script.write("wide.ron", wide);
         let choice = r#"Choice(summary: "", of: [(graph: "wide.ron"), (graph: "chosen.ron")])"#;
-        std::fs::write(&graph, choice).expect("a file is written");
+        script.write("wanted.ron", choice);
         script.viewer().a.renderer.choose(&graph.to_string_lossy(), Default::default());
         script.settle();
         let a = &script.viewer().a;

@@ -52,7 +52,7 @@ fn a_changed_file_of_scenes_is_shown_from_where_the_camera_is_and_a_mistake_keep
     });
     script.sleep(60);
     script.frame(false);
-    assert!(script.panels().controls.find("mistakes:edit").is_some(), "the error stays");
+    assert!(script.find("mistakes:edit").is_some(), "the error stays");
     write("Scenes([Scene(file: \"second.ply\")])");
     script.until("the mended file", |script| script.viewer().scene().count() == 200);
     assert_eq!(script.viewer().scene_error(RendererId::A), None);

@@ -25,7 +25,8 @@ const PATIENCE: Duration = Duration::from_secs(60);
 
 const SIZE: (u32, u32) = (320, 180);
 
-const GRAPH: &str = r#"Graph(
+/// Text of `graph.ron`.
+pub const GRAPH: &str = r#"Graph(
   version: 1,
   summary: "Three passes over a scene",
   params: {
@@ -195,6 +196,10 @@ impl Script {
         self.folder.path().join(name)
     }
 
+    pub fn write(&self, name: &str, text: impl AsRef<[u8]>) {
+        fs::write(self.path(name), text).expect("a file is written");
+    }
+
     pub fn resize(&mut self, size: (u32, u32)) {
         self.size = size;
         self.resize_swapchain(size);
@@ -209,6 +214,11 @@ impl Script {
 
     pub fn viewer(&mut self) -> &mut Viewer {
         &mut self.shell.viewer
+    }
+
+    /// Returns the position of a control; `None` if it is not shown.
+    pub fn find(&self, name: &str) -> Option<Rect> {
+        self.shell.panels.controls.find(name)
     }
 
     pub fn panels(&mut self) -> &mut Panels {
@@ -372,21 +382,18 @@ impl Script {
         self.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
         self.viewer().a.renderer.set_param("shade", Some(Value::Float(0.25)));
         self.settle();
-        let shader = self.path("shade.comp");
-        let text = fs::read_to_string(&shader).expect("it can be read");
+        let text = fs::read_to_string(self.path("shade.comp")).expect("it can be read");
         let former = self.viewer().a.renderer.plan().cloned();
-        fs::write(&shader, format!("{text}// edited\n")).expect("it can be written");
+        self.write("shade.comp", format!("{text}// edited\n"));
         self.until("the edited shader", |script| {
             let (plan, former) = (script.viewer().a.renderer.plan(), former.as_ref());
             plan.zip(former).is_some_and(|(plan, former)| !Arc::ptr_eq(plan, former))
         });
         self.settle();
-        let graph = self.path("graph.ron");
-        fs::write(&graph, GRAPH.replace("\"Table\": \"table\" }", "\"Table\": \"tabel\" }"))
-            .expect("written");
+        self.write("graph.ron", GRAPH.replace("\"Table\": \"table\" }", "\"Table\": \"tabel\" }"));
         let mistake = |event: &Event| matches!(event, Event::Failed { text, .. } if text.contains("tabel"));
         self.until("the mistake", |script| script.events.iter().any(mistake));
-        fs::write(&graph, GRAPH).expect("it can be written");
+        self.write("graph.ron", GRAPH);
         self.settle();
         for size in [(400, 200), (0, 0), (250, 250), SIZE] {
             self.resize(size);
