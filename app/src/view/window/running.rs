@@ -16,6 +16,7 @@ use egui::RawInput;
 use splatgraph_api::{BackendError, Device, Pixels};
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use winit::raw_window_handle::{HasDisplayHandle, RawDisplayHandle};
 use winit::window::{Fullscreen, Window};
@@ -49,7 +50,7 @@ pub struct Running {
     pub shell: Shell,
     pub recovery: Recovery,
     pub input: egui_winit::State,
-    pub window: display::Handle,
+    pub window: Arc<Window>,
     pub covered: bool,
     /// True for a minimised window, and the time of the last check. Polled: not every window system sends an event.
     pub minimised: (bool, Instant),
@@ -87,11 +88,16 @@ pub struct Closing {
 }
 
 impl Running {
+    /// Returns the size of the window's content, in pixels.
+    fn size(&self) -> (u32, u32) {
+        self.window.inner_size().into()
+    }
+
     fn shows_nothing(&mut self) -> bool {
         if self.minimised.1.elapsed() >= IDLE {
-            self.minimised = (self.window.with(Window::is_minimized) == Some(true), Instant::now());
+            self.minimised = (self.window.is_minimized() == Some(true), Instant::now());
         }
-        let (width, height) = self.window.size();
+        let (width, height) = self.size();
         // A screenshot does not need a visible window.
         let hidden = (self.covered || self.minimised.0) && self.closing.screenshot.is_none();
         hidden || width == 0 || height == 0
@@ -138,13 +144,11 @@ impl Running {
         if !self.shell.panels.vsync {
             return Duration::ZERO;
         }
-        self.window.with(|window| {
-            let display = window.display_handle().ok().map(|display| display.as_raw());
-            let is_wayland = matches!(display, Some(RawDisplayHandle::Wayland(_)));
-            let display = window.current_monitor().filter(|_| is_wayland);
-            let rate = display.and_then(|display| display.refresh_rate_millihertz());
-            rate.map_or(Duration::ZERO, |rate| Duration::from_secs_f64(1e3 / f64::from(rate.max(1000))))
-        })
+        let display = self.window.display_handle().ok().map(|display| display.as_raw());
+        let is_wayland = matches!(display, Some(RawDisplayHandle::Wayland(_)));
+        let display = self.window.current_monitor().filter(|_| is_wayland);
+        let rate = display.and_then(|display| display.refresh_rate_millihertz());
+        rate.map_or(Duration::ZERO, |rate| Duration::from_secs_f64(1e3 / f64::from(rate.max(1000))))
     }
 
     fn draw(&mut self) -> Result<bool> {
@@ -158,17 +162,13 @@ impl Running {
         while let Some(text) = self.editor.take_failure() {
             self.shell.report(Event::Problem { text });
         }
-        let input: RawInput = self.window.with(|window| self.input.take_egui_input(window));
+        let input: RawInput = self.input.take_egui_input(&self.window);
         let close = self.must_close()?;
         if close && let Some(path) = &self.closing.screenshot {
             self.save = Some(Some(path.clone()));
         }
-        let request = FrameRequest {
-            size: self.window.size(),
-            present: true,
-            read: self.save.is_some(),
-            redraw: self.redraw,
-        };
+        let request =
+            FrameRequest { size: self.size(), present: true, read: self.save.is_some(), redraw: self.redraw };
         let frame = self.recovery.frame(&mut self.shell, input, request)?;
         self.show_state()?;
         self.tell_failed_start();
@@ -177,7 +177,7 @@ impl Running {
             self.write_events(request.size, false);
             return Ok(false);
         };
-        self.window.with(|window| self.input.handle_platform_output(window, frame.platform));
+        self.input.handle_platform_output(&self.window, frame.platform);
         if let Some(pixels) = frame.picture
             && let Some(path) = self.save.take()
         {
@@ -261,7 +261,7 @@ impl Running {
             None => name,
         };
         if title != self.title {
-            self.window.with(|window| window.set_title(&title));
+            self.window.set_title(&title);
             self.title = title;
         }
         Ok(())
@@ -303,10 +303,8 @@ impl Running {
                 }
             }
             Command::Fullscreen => {
-                self.window.with(|window| {
-                    let full = window.fullscreen().is_none();
-                    window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
-                });
+                let full = self.window.fullscreen().is_none();
+                self.window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
             }
             Command::Open => self.ask(None),
             Command::OpenCameras(role) => self.ask(Some(role)),
@@ -326,7 +324,7 @@ impl Running {
 
     fn ask(&mut self, cameras: Option<CameraRole>) {
         let near = self.shell.viewer.scene_path();
-        if let Err(text) = self.window.with(|window| self.open.ask(window, near, cameras)) {
+        if let Err(text) = self.open.ask(&self.window, near, cameras) {
             self.shell.report(Event::Problem { text });
         }
     }
