@@ -116,10 +116,12 @@ fn soak(length: Length) {
         soak.disturb(cycle * length.cycle);
         soak.restore(cycle);
         let reference = soak.reference();
-        println!("{reference}");
+        println!("{reference:?}");
         references.push(reference);
     }
-    println!("{soak}");
+    let Soak { viewer, begun, deeds, plans, failures, .. } = &soak;
+    let (frames, seconds) = (viewer.calls, begun.elapsed().as_secs());
+    println!("{frames} frames in {seconds} s: {deeds} deeds, {plans} plans, {failures} failures");
     assert_eq!(PANICS.load(Ordering::Relaxed), 0, "something panicked");
     check_growth(&references, length.noise);
     soak.viewer.close();
@@ -145,15 +147,15 @@ fn check_growth(references: &[Reference], noise: u64) {
     for reference in &references[third..] {
         assert_eq!(
             reference.listed, warm.listed,
-            "what A, B and the window list: {reference}, and once {warm}"
+            "what A, B and the window list: {reference:?}, and once {warm:?}"
         );
-        assert!(reference.texels <= MAX_TEXELS, "{reference}");
+        assert!(reference.texels <= MAX_TEXELS, "{reference:?}");
         let other = |reference: &Reference| reference.device.used - reference.texels;
         let more = other(reference).abs_diff(other(warm));
-        assert!(more <= PADDING_BYTES, "{reference}, and once {warm}");
-        assert!(reference.device.reserved <= warm.device.reserved, "{reference}, and once {warm}");
+        assert!(more <= PADDING_BYTES, "{reference:?}, and once {warm:?}");
+        assert!(reference.device.reserved <= warm.device.reserved, "{reference:?}, and once {warm:?}");
         assert_eq!(reference.files, warm.files, "open files");
-        assert_eq!(reference.threads, warm.threads, "threads, at {reference}");
+        assert_eq!(reference.threads, warm.threads, "threads, at {reference:?}");
     }
 }
 
@@ -170,20 +172,6 @@ struct Reference {
     rss: u64,
     files: usize,
     threads: Vec<String>,
-}
-
-impl std::fmt::Display for Reference {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        let Reference { call, listed, texels, device, rss, files, threads } = self;
-        let DeviceMemory { used, reserved } = device;
-        write!(
-            f,
-            "frame {call}: device {used} bytes of {reserved} (A, B, window: {listed:?}; texels: {texels}), {} KiB resident, \
-             {files} files, {} threads",
-            rss >> 10,
-            threads.len()
-        )
-    }
 }
 
 fn device_memory(viewer: &TestShell) -> DeviceMemory {
@@ -209,20 +197,6 @@ struct Soak {
     /// Pictures of the reference state: A, and the window.
     shown: Option<[Image; 2]>,
     scenes: [&'static str; 3],
-}
-
-impl std::fmt::Display for Soak {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        write!(
-            f,
-            "{} frames in {:.1} s: {} deeds, {} plans, {} failures",
-            self.viewer.calls,
-            self.begun.elapsed().as_secs_f64(),
-            self.deeds,
-            self.plans,
-            self.failures
-        )
-    }
 }
 
 impl Soak {
@@ -365,23 +339,11 @@ impl Soak {
         let shown = [self.viewer.picture(RendererId::A), self.viewer.window()];
         let before = self.shown.get_or_insert_with(|| shown.clone());
         for ((now, before), what) in shown.iter().zip(before.iter()).zip(["A", "the window"]) {
-            assert!(now.rgb == before.rgb, "{what} does not look as before: {}", difference(now, before));
+            let differ = now.rgb.iter().zip(&before.rgb).filter(|(now, before)| now != before).count();
+            assert!(now.rgb == before.rgb, "{what} does not look as before: {differ} pixels differ");
         }
         self.viewer.shell.panels.hidden = false;
         self.viewer.shell.panels.hud = true;
         reference
     }
-}
-
-fn difference(now: &Image, before: &Image) -> String {
-    if (now.width, now.height) != (before.width, before.height) {
-        return format!("{} x {}, and was {} x {}", now.width, now.height, before.width, before.height);
-    }
-    let differ: Vec<usize> = (0..now.rgb.len()).filter(|i| now.rgb[*i] != before.rgb[*i]).collect();
-    let range = |of: &dyn Fn(usize) -> usize| {
-        let all = || differ.iter().map(|i| of(*i));
-        (all().min().unwrap_or(0), all().max().unwrap_or(0))
-    };
-    let (x, y) = (range(&|i| i % now.width), range(&|i| i / now.width));
-    format!("{} pixels differ, from {} to {} across and {} to {} down", differ.len(), x.0, x.1, y.0, y.1)
 }

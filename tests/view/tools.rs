@@ -86,34 +86,6 @@ fn a_change_of_the_digit_width_says_what_it_did_to_the_plan() {
 }
 
 #[test]
-fn a_step_is_undone_and_done_again() {
-    let mut viewer = viewer("pipelines/splat.ron");
-    viewer.frame();
-    let set = |viewer: &TestShell| viewer.shell.viewer.a.renderer.set().get("digit_bits").cloned();
-    viewer.shell.viewer.a.renderer.set_param("digit_bits", Some(Value::Int(4)));
-    viewer.settle();
-    viewer.shell.viewer.a.renderer.set_param("budget", Some(Value::Float(0.5)));
-    viewer.frame();
-    let undo = |viewer: &mut TestShell, modifiers| {
-        viewer.press(Key::Z, modifiers);
-    };
-    undo(&mut viewer, Modifiers::COMMAND);
-    assert!(!viewer.shell.viewer.a.renderer.set().contains_key("budget"));
-    assert_eq!(set(&viewer).as_deref(), Some("4"));
-    undo(&mut viewer, Modifiers::COMMAND);
-    assert_eq!(set(&viewer), None);
-    undo(&mut viewer, Modifiers::COMMAND | Modifiers::SHIFT);
-    assert_eq!(set(&viewer).as_deref(), Some("4"));
-    choose(&mut viewer, RendererId::A, "unsorted");
-    viewer.settle();
-    undo(&mut viewer, Modifiers::COMMAND);
-    viewer.settle();
-    assert!(viewer.shell.viewer.a.renderer.graph().ends_with("splat.ron"));
-    assert_eq!(set(&viewer).as_deref(), Some("4"), "the graph comes back with its parameters");
-    viewer.close();
-}
-
-#[test]
 fn one_selection_runs_through_timeline_and_inspector() {
     let mut viewer = viewer("pipelines/splat.ron");
     viewer.frame();

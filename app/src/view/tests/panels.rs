@@ -284,9 +284,11 @@ fn another_graph_keeps_the_settings_that_it_has_and_reports_the_others() {
         let text = script.events.iter().find(|event| matches!(event, Event::Dropped { .. }));
         let text = text.expect("the dropped setting is reported").to_string();
         assert!(text.contains(reason), "{text}");
-        let path = script.path("graph.ron");
-        script.viewer().open(&path);
+        script.press(Key::Z, Modifiers::COMMAND);
         script.settle();
+        let renderer = &script.viewer().a.renderer;
+        assert!(renderer.graph().ends_with("graph.ron"));
+        assert_eq!(renderer.set()["digits"], "6", "the graph comes back with its parameters");
     }
     script.close(&[]);
 }
