@@ -26,9 +26,8 @@ const BUILDS: Duration = Duration::from_secs(5);
 /// Time after a device is reopened within which a loss is attributed to the same cause as the loss before.
 const SOON: Duration = Duration::from_secs(30);
 
-/// A function that opens the window's and the scene's device. Its arguments are the window's size in pixels, and true
-/// for vsync.
-pub type Open = Box<dyn FnMut((u32, u32), bool) -> Result<(Backend, Backend), BackendError>>;
+/// A function that opens the window's and the scene's device, given the window's size in pixels.
+pub type Open = Box<dyn FnMut((u32, u32)) -> Result<(Backend, Backend), BackendError>>;
 
 struct Loss {
     error: BackendError,
@@ -99,7 +98,7 @@ impl Recovery {
         }
         loss.attempts += 1;
         let attempts = loss.attempts;
-        let (canvas, device) = match (self.open)(size, shell.panels.vsync) {
+        let (canvas, device) = match (self.open)(size) {
             Ok(devices) => devices,
             Err(error) if attempts >= ATTEMPTS => {
                 bail!("{}; no device can be opened in its place: {error}", loss.error);

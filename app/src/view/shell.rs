@@ -226,6 +226,9 @@ impl Shell {
         }
         let interface = (output.textures_delta, primitives, pixels_per_point);
         self.canvas.paused = drains || !self.is_free();
+        if let Some(canvas) = self.canvas.device_mut() {
+            canvas.set_vsync(self.panels.vsync);
+        }
         let (drawn, picture) = self.paint(request, view, interface);
         if drawn {
             self.presented = request.size;

@@ -187,7 +187,7 @@ fn path(ui: &mut Ui, viewer: &mut Viewer) {
 
 fn read_button(ui: &mut Ui, role: CameraRole, about: &str) {
     if ui.button("Read a file…").hint(about).clicked() {
-        request(ui.ctx(), Command::OpenCameras(role));
+        request(ui.ctx(), Command::Open(Some(role)));
     }
 }
 

@@ -14,16 +14,12 @@ pub enum Command {
     Screenshot,
     /// Save the picture of A alone, at its own size.
     SavePicture,
-    /// Turn vsync on if true, off if false.
-    Vsync(bool),
     /// Capture the next frame with the available capture tool.
     Capture,
     /// Toggle full screen.
     Fullscreen,
-    /// Show the file dialog for a scene, a graph or cameras, and open the chosen file.
-    Open,
-    /// Show the file dialog for cameras, and use the chosen file's cameras in this role.
-    OpenCameras(CameraRole),
+    /// Show the file dialog for a scene, a graph or cameras, or only for cameras of a role; and open the chosen file.
+    Open(Option<CameraRole>),
     /// Open a source location in the user's editor.
     Edit(Origin),
 }

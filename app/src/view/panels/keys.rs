@@ -20,7 +20,7 @@ impl Panels {
                 (Key::Z, true) if modifiers.shift => self.redo_now = true,
                 (Key::Z, true) => self.undo_now = true,
                 (Key::Y, true) => self.redo_now = true,
-                (Key::O, true) => request(ctx, Command::Open),
+                (Key::O, true) => request(ctx, Command::Open(None)),
                 (key, command) if self.select.key(key, command, viewer, self.selected) => {}
                 (_, true) => {}
                 // Not Tab: egui uses it to move the focus between controls.
@@ -35,7 +35,6 @@ impl Panels {
                 }
                 (Key::V, _) => {
                     self.vsync = !self.vsync;
-                    request(ctx, Command::Vsync(self.vsync));
                     self.toasts.done(format!("Wait for the display: {}", widgets::on_off(self.vsync)));
                 }
                 (Key::C, _) => {

@@ -212,7 +212,7 @@ impl Panels {
     fn view_menu(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
         let button = drop_down(ui, "", "View", 72.0, |ui| {
             if ui.button("Open a file… (Ctrl + O)").named("open").clicked() {
-                request(ui.ctx(), Command::Open);
+                request(ui.ctx(), Command::Open(None));
                 ui.close();
             }
             ui.horizontal(|ui| {
@@ -247,9 +247,7 @@ impl Panels {
             ui.checkbox(&mut self.hud, "Times and messages on the picture");
             let continuous = ui.checkbox(&mut viewer.continuous, "Draw continuously (C)").named("continuous");
             continuous.hint("Draws every frame, even if nothing changes, to measure times");
-            if ui.checkbox(&mut self.vsync, "Wait for the display (V)").changed() {
-                request(ui.ctx(), Command::Vsync(self.vsync));
-            }
+            ui.checkbox(&mut self.vsync, "Wait for the display (V)");
             let mut light = ui.theme() == egui::Theme::Light;
             let theme = ui.checkbox(&mut light, "Light theme (T)").named("theme");
             if theme.clicked() {

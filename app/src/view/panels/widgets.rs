@@ -166,7 +166,7 @@ pub fn list<T>(
         let field = egui::TextEdit::singleline(text).id(id).hint_text("Search").desired_width(180.0);
         let field = ui.add(field);
         if opens && ui.button("Open a file…").clicked() {
-            request(ui.ctx(), Command::Open);
+            request(ui.ctx(), Command::Open(None));
             ui.close();
         }
         field

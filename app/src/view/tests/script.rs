@@ -137,7 +137,7 @@ impl Script {
         let config = config.clone();
         let mut faults = config.faults.clone();
         let opened = devices.clone();
-        let mut open_both: Open = Box::new(move |size, vsync| {
+        let mut open_both: Open = Box::new(move |size| {
             let config = Config {
                 window: Some(size),
                 faults: std::mem::take(&mut faults),
@@ -155,14 +155,13 @@ impl Script {
                 Ok(device)
             };
             let scene = if apart { Some(open(&config)?) } else { None };
-            let mut canvas = open(&config)?;
-            canvas.set_vsync(vsync);
+            let canvas = open(&config)?;
             let scene = scene.map_or_else(|| canvas.new_context(), Ok)?;
             Ok((canvas, scene))
         });
-        let first = open_both(SIZE, true);
+        let first = open_both(SIZE);
         // The program would report the error and exit; the user starts it again.
-        let (canvas, device) = first.or_else(|_| open_both(SIZE, true)).expect("the second device opens");
+        let (canvas, device) = first.or_else(|_| open_both(SIZE)).expect("the second device opens");
         let path = folder.path().join("first.ply");
         let scene = Scene::load(&path, splatgraph_assets::QUIET).expect("the scene is loaded");
         let graph = folder.path().join("graph.ron");
@@ -446,9 +445,6 @@ impl Script {
         self.settle();
         self.viewer().open(&cameras);
         self.settle();
-        if let Some(canvas) = self.shell.window_mut().device_mut() {
-            canvas.set_vsync(false);
-        }
         self.shell.panels.vsync = false;
         let mut read = false;
         self.until("a picture of the window", |script| {

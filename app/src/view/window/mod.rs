@@ -124,13 +124,12 @@ impl App<'_> {
         let window = Arc::new(window);
         let size = window.inner_size().into();
         let (api, device, surface) = (options.backend, options.device, window.clone());
-        let mut open: Open = Box::new(move |size, vsync| {
-            let mut canvas = Backend::open_in_window(api, &device, surface.clone(), size)?;
-            canvas.set_vsync(vsync);
+        let mut open: Open = Box::new(move |size| {
+            let canvas = Backend::open_in_window(api, &device, surface.clone(), size)?;
             let scene = canvas.open_beside(&device)?;
             Ok((canvas, scene))
         });
-        let (canvas, device) = open(size, options.vsync)?;
+        let (canvas, device) = open(size)?;
         display::set_open(true);
         let proxy = self.proxy.clone();
         // Sending fails only after the event loop has ended, when there is nothing to wake.

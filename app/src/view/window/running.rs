@@ -7,7 +7,6 @@ use crate::draw::backend::Backend;
 use crate::io::output::{one_line, say};
 use crate::view::events::Event;
 use crate::view::kept;
-use crate::view::opening::CameraRole;
 use crate::view::panels::Command;
 use crate::view::recovery::Recovery;
 use crate::view::shell::{FrameRequest, Shell};
@@ -297,17 +296,16 @@ impl Running {
                 self.shell.viewer.a.want_picture();
                 self.save_a = true;
             }
-            Command::Vsync(vsync) => {
-                if let Some(canvas) = self.shell.window_mut().device_mut() {
-                    canvas.set_vsync(vsync);
-                }
-            }
             Command::Fullscreen => {
                 let full = self.window.fullscreen().is_none();
                 self.window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
             }
-            Command::Open => self.ask(None),
-            Command::OpenCameras(role) => self.ask(Some(role)),
+            Command::Open(cameras) => {
+                let near = self.shell.viewer.scene_path();
+                if let Err(text) = self.open.ask(&self.window, near, cameras) {
+                    self.shell.report(Event::Problem { text });
+                }
+            }
             Command::Edit(origin) => {
                 if let Err(text) = self.editor.open(&origin) {
                     self.shell.report(Event::Problem { text });
@@ -319,13 +317,6 @@ impl Running {
                     self.shell.report(Event::FileFailed { path: "Capture".into(), error });
                 }
             }
-        }
-    }
-
-    fn ask(&mut self, cameras: Option<CameraRole>) {
-        let near = self.shell.viewer.scene_path();
-        if let Err(text) = self.open.ask(&self.window, near, cameras) {
-            self.shell.report(Event::Problem { text });
         }
     }
 
