@@ -274,20 +274,24 @@ pub fn run(args: &Args) -> Result<Outcome> {
     set.extend(storage(args, &scene.0, &scene.1)?);
     let messages = window::run(WindowOptions {
         scene,
-        files,
         pipeline,
         set,
-        cameras: if is_beside { CameraList::beside(cameras) } else { cameras.into() },
         size: args.size(),
         // A screenshot must have exactly the requested size.
         exact_size: args.drawing.size.is_some() && args.screenshot.is_some(),
         backend: args.device.backend,
         device: args.device.options(),
-        vsync: !args.no_vsync,
-        continuous: args.continuous,
         // Scripted runs neither restore nor save the window layout, so that each opens the same window.
         kept: if args.screenshot.is_some() || args.frames.is_some() { None } else { kept::path() },
-        setup: Box::new(|shell, size| set_up(args, shell, size)),
+        setup: Box::new(|shell, size| {
+            // The demo's file is stamped when the window opens.
+            if !files.is_empty() {
+                shell.viewer.set_files_read(files);
+            }
+            let cameras = if is_beside { CameraList::beside(cameras) } else { cameras.into() };
+            shell.viewer.set_cameras(cameras);
+            set_up(args, shell, size)
+        }),
         events,
         screenshot: args.screenshot.clone(),
         frames: args.frames,
@@ -374,7 +378,9 @@ fn set_up(args: &Args, shell: &mut Shell, (width, _): (u32, u32)) -> Result<()> 
             Theme::Light => egui::Theme::Light,
         });
     }
+    shell.panels.vsync = !args.no_vsync;
     let viewer = &mut shell.viewer;
+    viewer.continuous = args.continuous || args.frames.is_some() || args.screenshot.is_some();
     if let Some(up) = args.up.as_ref().and_then(Up::direction) {
         viewer.set_up(up);
     }

@@ -6,6 +6,7 @@ use super::widgets::{self, Control as _};
 use crate::view::events::{Cause, Event, RendererId};
 use crate::view::paint::Mode;
 use crate::view::viewer::Viewer;
+use crate::view::viewport::Viewport;
 use egui::{
     Align2, Area, Color32, Context, CornerRadius, FontId, Frame, Id, InnerResponse, Margin, Order, Rect,
     RichText, Stroke, Ui, pos2, vec2,
@@ -275,13 +276,8 @@ pub fn comparison(ctx: &Context, viewer: &mut Viewer, view: Rect, marked: &mut b
     }
     let palette = Palette::in_mode(ctx.theme() == egui::Theme::Dark);
     let line = view.left() + viewer.split * view.width();
-    let total = |viewer: &mut Viewer, id| {
-        viewer
-            .viewport(id)
-            .and_then(|viewport| viewport.history.total())
-            .map(|total| widgets::time(total.median))
-    };
-    let times = [RendererId::A, RendererId::B].map(|id| total(viewer, id));
+    let total = |viewport: &Viewport| viewport.history.total().map(|total| widgets::time(total.median));
+    let times: Vec<Option<String>> = viewer.viewports().map(total).collect();
     let mut close = false;
     let area = Area::new(Id::unique("comparison"))
         .fixed_pos(pos2(line, view.bottom() - 4.0 * GRID))

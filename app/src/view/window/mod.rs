@@ -17,7 +17,7 @@ use super::events::Event;
 use super::kept;
 use super::recovery::{Open, Recovery};
 use super::shell::Shell;
-use super::viewer::{CameraList, Viewer};
+use super::viewer::Viewer;
 use crate::draw::backend::{Api, Backend, Options};
 use crate::io::output::Log;
 use anyhow::{Context as _, Result};
@@ -26,7 +26,6 @@ use event_log::EventLog;
 use running::{Closing, Running, title};
 use splatgraph_api::Device;
 use splatgraph_assets::Scene;
-use splatgraph_framework::reload::Wanted;
 use std::mem::ManuallyDrop;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -44,14 +43,10 @@ pub type Setup<'a> = Box<dyn FnOnce(&mut Shell, (u32, u32)) -> Result<()> + 'a>;
 pub struct WindowOptions<'a> {
     /// The scene to open and the path of its file.
     pub scene: (Scene, PathBuf),
-    /// Stamps of the scene's files from before it was loaded; if empty, the files are stamped when the window opens.
-    pub files: Vec<Wanted>,
     /// Built-in name or path of the graph.
     pub pipeline: String,
     /// Names and values of parameters to change.
     pub set: Vec<(String, String)>,
-    /// Selectable cameras.
-    pub cameras: CameraList,
     /// Size of the window's content, in pixels; reduced to fit on the display unless `exact_size`.
     pub size: (u32, u32),
     /// True to keep this size even if it does not fit on the display.
@@ -60,10 +55,6 @@ pub struct WindowOptions<'a> {
     pub backend: Api,
     /// Selection of the device, and use of validation.
     pub device: Options,
-    /// True to synchronise presentation with the display's refresh.
-    pub vsync: bool,
-    /// True to draw continuously, even if nothing changes. A number of frames or a screenshot implies it.
-    pub continuous: bool,
     /// File that stores the arrangement between starts; `None` to use the default arrangement and save nothing.
     pub kept: Option<PathBuf>,
     /// Function that sets the initial state of the shell.
@@ -136,15 +127,8 @@ impl App<'_> {
         let wake: super::renderer::Wake = Arc::new(move || {
             let _ = proxy.send_event(());
         });
-        let mut viewer = Viewer::new(device, options.scene, &options.pipeline, &options.set, wake.clone())?;
-        // Without a path, `Viewer::new` stamps the demo's file.
-        if !options.files.is_empty() {
-            viewer.set_files_read(options.files);
-        }
-        viewer.set_cameras(options.cameras);
-        viewer.continuous = options.continuous || options.frames.is_some() || options.screenshot.is_some();
+        let viewer = Viewer::new(device, options.scene, &options.pipeline, &options.set, wake.clone())?;
         let mut shell = Shell::new(viewer, canvas, super::paint::GRAPH, wake.clone())?;
-        shell.panels.vsync = options.vsync;
         let ctx = shell.context().clone();
         if let Some(path) = &options.kept
             && let Err(text) = kept::restore(path, &mut shell.panels, &ctx)
