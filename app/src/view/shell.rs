@@ -13,7 +13,7 @@
 
 use super::events::{Event, RendererId};
 use super::history::History;
-use super::paint::{self, Composition, Painter};
+use super::paint::{Composition, Painter};
 use super::panels::{Command, Panels, theme};
 use super::profile::{self, zone};
 use super::renderer::{self, Choice, Failure, PlanInputs, Renderer, Wake};

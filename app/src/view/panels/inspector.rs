@@ -53,7 +53,7 @@ pub fn show(
     });
 }
 
-fn place(ui: &mut Ui, origin: &Origin, target: &mut Target) {
+fn place(ui: &mut Ui, origin: &Origin) {
     let response = link(ui, format!("{}:{}", origin.file, origin.line));
     if response.hint("Open this line in an editor").clicked() {
         request(ui.ctx(), Command::Edit(origin.clone()));
@@ -77,7 +77,7 @@ fn show_pass(ui: &mut Ui, viewport: &mut Viewport, dump: &Dump, pass: &DumpPass,
     let once = if pass.run == Run::Once { ", runs once" } else { "" };
     ui.label(RichText::new(&pass.name).family(theme::strong()).size(theme::HEADING));
     ui.weak(format!("{} in phase {}{once}", pass.kind, pass.phase));
-    place(ui, &pass.declared, target);
+    place(ui, &pass.declared);
     fact(ui, "Size", &pass.size);
     let row = viewport.history.table().into_iter().find(|row| row.phase.is_some() && row.name == pass.name);
     let ms = row
@@ -216,7 +216,7 @@ fn show_barrier(ui: &mut Ui, barrier: &DumpBarrier, target: &mut Target) {
         ui.horizontal_wrapped(|ui| {
             let Declared { name, declared } = &dependency.resource;
             item_link(ui, name, Selection::Resource(name.clone()), target);
-            place(ui, declared, target);
+            place(ui, declared);
         });
         ui.horizontal_wrapped(|ui| {
             for after in &dependency.after {
@@ -231,7 +231,7 @@ fn show_barrier(ui: &mut Ui, barrier: &DumpBarrier, target: &mut Target) {
 
 fn show_resource(ui: &mut Ui, dump: &Dump, resource: &DumpResource, target: &mut Target) {
     ui.label(RichText::new(&resource.name).family(theme::strong()).size(theme::HEADING));
-    place(ui, &resource.declared, target);
+    place(ui, &resource.declared);
     fact(ui, "Shape", &resource.shape);
     fact(ui, "Size", dump::bytes(resource.bytes));
     let source = match &resource.from {

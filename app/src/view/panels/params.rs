@@ -249,11 +249,9 @@ fn cells(ui: &mut Ui, plan: Option<&Plan>, control: &Control, modified: bool) ->
         let mut child = ui.new_child(UiBuilder::new().max_rect(rect).layout(layout));
         let reset = child.add_visible(modified, egui::Button::new("↺").frame(false));
         if modified {
-            if reset
-                .named(&format!("reset:{}", param.name))
-                .hint(format!("Back to {}", control.unset))
-                .clicked()
-            {
+            let reset =
+                reset.named(&format!("reset:{}", param.name)).hint(format!("Back to {}", control.unset));
+            if reset.clicked() {
                 change = Some((param.name.clone(), None));
             }
         }

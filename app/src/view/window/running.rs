@@ -12,7 +12,7 @@ use crate::view::recovery::Recovery;
 use crate::view::shell::{FrameRequest, Shell};
 use anyhow::{Context as _, Result, bail};
 use egui::RawInput;
-use splatgraph_api::{BackendError, Device, Pixels};
+use splatgraph_api::{BackendError, Pixels};
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
