@@ -9,8 +9,8 @@ use splatgraph_vulkan::sync::{Barrier, Barriers};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use super::builds::{barriers, for_all, shown};
-use super::recipe::{LARGE, Role};
-use super::sketch::{Half, Target};
+use super::recipe::{Half, LARGE, Role};
+use super::sketch::Target;
 use crate::common::say;
 
 /// Returns true if the first pass of the frame that uses a resource fills it or clears it as a target.

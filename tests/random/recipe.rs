@@ -73,12 +73,12 @@ pub struct ImageWish {
 #[derive(Clone, Copy, Debug)]
 pub struct Pick {
     pub index: u8,
-    pub want: Want,
+    /// What the resource is used for; `None` for any resource.
+    pub want: Option<Half>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Want {
-    Any,
+pub enum Half {
     /// The front or the back of a ping-pong buffer.
     Front,
     Back,
@@ -246,7 +246,7 @@ fn image() -> impl Strategy<Value = ImageWish> {
 }
 
 fn pick() -> impl Strategy<Value = Pick> + Clone {
-    let want = prop_oneof![6 => Just(Want::Any), 1 => Just(Want::Back), 1 => Just(Want::Last)];
+    let want = prop_oneof![6 => Just(None), 1 => Just(Some(Half::Back)), 1 => Just(Some(Half::Last))];
     (any::<u8>(), want).prop_map(|(index, want)| Pick { index, want })
 }
 
@@ -325,7 +325,7 @@ fn item() -> impl Strategy<Value = Item> {
 /// Repeats a pass that reads the front, writes the back and swaps: the intended use of ping-pong buffers.
 fn ping_pong(count: Count, index: u8, mut pass: PassWish) -> Item {
     pass.kind = Kind::Dispatch { once: false, local: 16 };
-    pass.reads.insert(0, (Pick { index, want: Want::Front }, Stage::Both));
-    pass.writes = vec![(Pick { index, want: Want::Back }, false, Stage::Both)];
+    pass.reads.insert(0, (Pick { index, want: Some(Half::Front) }, Stage::Both));
+    pass.writes = vec![(Pick { index, want: Some(Half::Back) }, false, Stage::Both)];
     Item::Repeat(count, vec![Item::Pass(pass), Item::Swap(index)])
 }

@@ -8,8 +8,8 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use super::recipe::{Count, Kind, Role, Stage, Stands, When};
-use super::sketch::{Bind, Half, Node, Pass, Ref, Sketch, Target};
+use super::recipe::{Count, Half, Kind, Role, Stage, Stands, When};
+use super::sketch::{Bind, Node, Pass, Ref, Sketch, Target};
 
 pub struct Files {
     pub graph: String,

@@ -8,8 +8,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::recipe::{
-    BufferWish, Count, ImageWish, Item, Kind, LARGEST, Limits, PassWish, Pick, Recipe, Role, Settings, Stage,
-    Stands, Want, When,
+    BufferWish, Count, Half, ImageWish, Item, Kind, LARGEST, Limits, PassWish, Pick, Recipe, Role, Settings,
+    Stage, Stands, When,
 };
 
 #[derive(Clone, Debug)]
@@ -37,13 +37,6 @@ pub enum Node {
 pub enum Target {
     Buffer(usize),
     Image(usize),
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Half {
-    Front,
-    Back,
-    Last,
 }
 
 /// A resource as a graph names it.
@@ -164,7 +157,7 @@ impl Sketch {
                 Some(Node::Pass(self.passes.len() - 1))
             }
             Item::Swap(index) => {
-                let pick = Pick { index: *index, want: Want::Front };
+                let pick = Pick { index: *index, want: Some(Half::Front) };
                 match self.resolve(pick) {
                     Ref { of: Target::Buffer(at), .. } if self.buffers[at].role == Role::PingPong => {
                         Some(Node::Swap(at))
@@ -183,20 +176,17 @@ impl Sketch {
     fn resolve(&self, pick: Pick) -> Ref {
         let buffers = (0..self.buffers.len()).map(Target::Buffer);
         let all: Vec<Target> = buffers.chain((0..self.images.len()).map(Target::Image)).collect();
-        let is_pair =
-            |of: &Target| matches!(*of, Target::Buffer(at) if self.buffers[at].role == Role::PingPong);
-        let fitting = |half, fits: &dyn Fn(&Target) -> bool| {
-            let fitting: Vec<Target> = all.iter().copied().filter(fits).collect();
+        let found = pick.want.and_then(|half| {
+            let fits = |of: &&Target| match (half, **of) {
+                (Half::Last, of) => self.history(of),
+                (_, Target::Buffer(at)) => self.buffers[at].role == Role::PingPong,
+                (_, Target::Image(_)) => false,
+            };
+            let fitting: Vec<&Target> = all.iter().filter(fits).collect();
             let of = fitting.get(pick.index as usize % fitting.len().max(1))?;
-            Some(Ref { of: *of, half })
-        };
-        match pick.want {
-            Want::Any => None,
-            Want::Front => fitting(Half::Front, &is_pair),
-            Want::Back => fitting(Half::Back, &is_pair),
-            Want::Last => fitting(Half::Last, &|of| self.history(*of)),
-        }
-        .unwrap_or_else(|| front(all[pick.index as usize % all.len()]))
+            Some(Ref { of: **of, half })
+        });
+        found.unwrap_or_else(|| front(all[pick.index as usize % all.len()]))
     }
 
     fn stat(&self, pick: Pick, word: u8) -> Option<(Ref, u32)> {
@@ -264,7 +254,7 @@ impl Sketch {
             (0..self.buffers.len()).filter(|at| self.buffers[*at].role == Role::Args).collect();
         let indirect = wish.indirect.filter(|_| !fills && !args.is_empty()).and_then(|(pick, range)| {
             let at = args[pick.index as usize % args.len()];
-            let last = pick.want == Want::Last && self.buffers[at].history;
+            let last = pick.want == Some(Half::Last) && self.buffers[at].history;
             let what = Ref { of: Target::Buffer(at), half: if last { Half::Last } else { Half::Front } };
             let offset = u32::from(range) % (self.buffers[at].words / 4) * 16;
             Some((what, offset)).filter(|_| !is_written(&binds, what) && !is_written(&binds, front(what.of)))
