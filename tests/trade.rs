@@ -26,10 +26,7 @@ fn the_ledger_holds_each_setting_against_the_truth_and_goes_on_after_an_interrup
     let whole = ledger(&place);
     let rows = whole["rows"].as_array().expect("rows");
     assert_eq!(rows.len(), 6);
-    let found = |setting: &str, camera: &str| {
-        let row = rows.iter().find(|row| row["setting"] == setting && row["camera"] == camera);
-        row.map(|row| row["found"]["Ok"].clone()).expect("a row")
-    };
+    let found = |setting: &str, camera: &str| found(&place, "ledger", setting, camera);
     for camera in ["one", "two"] {
         let psnr = |setting: &str| found(setting, camera)["error"]["psnr_db"].as_f64().expect("not equal");
         assert!(psnr("exact") > 70.0 && psnr("exact") > psnr("preset unsorted") + 20.0, "{table}");
