@@ -43,10 +43,6 @@ mod tests {
     use super::*;
     use crate::draw::planner::testing;
 
-    fn plan(graph: &str) -> Plan {
-        testing::plan(graph, &[], 8)
-    }
-
     /// Builds a graph whose shader computes `expression`. Returns true if the plan reads the frame number.
     fn of(expression: &str) -> bool {
         let folder = tempfile::tempdir().expect("a folder");
@@ -75,7 +71,7 @@ mod tests {
             void main() { imageStore(color, ivec2(0), vec4(result)); }\n";
         std::fs::write(folder.path().join("show.comp"), show).expect("a shader");
         std::fs::write(&graph, text).expect("a graph");
-        reads_camera(&plan(&graph.to_string_lossy()), FRAME_NUMBER)
+        reads_camera(&testing::plan(&graph.to_string_lossy(), &[], 8), FRAME_NUMBER)
     }
 
     #[test]
@@ -93,7 +89,7 @@ mod tests {
     #[test]
     fn of_the_shipped_graphs_only_the_one_with_a_history_is_animated() {
         for graph in crate::draw::builtin::presets() {
-            let plan = plan(graph.name);
+            let plan = testing::plan(graph.name, &[], 8);
             assert_eq!(is_animated(&plan), graph.name == "stale_order", "{}", graph.name);
             assert_eq!(background_note(&plan, [1.0; 3]), None, "{}", graph.name);
         }

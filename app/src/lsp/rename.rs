@@ -176,6 +176,7 @@ fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<Vec<Plan>, St
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::draw::planner::testing;
 
     #[test]
     fn plans_with_other_bindings_or_another_output_differ_and_plans_with_the_new_name_do_not() {
@@ -217,9 +218,7 @@ mod tests {
             );
             let path = folder.path().join("graph.ron");
             std::fs::write(&path, text).expect("writable");
-            let (facts, catalog) = (nominal_case(8).facts(), files::nominal_catalog());
-            let plan = Planner::default().plan(&path.display().to_string(), &[], &facts, &catalog);
-            plan.unwrap_or_else(|errors| panic!("{errors}"))
+            testing::plan(&path.display().to_string(), &[], 8)
         };
         let names = ["a", "b", "c"];
         let before = built(names, ("a", "b"), "c");

@@ -24,15 +24,12 @@ fn has_floats(plan: &Plan, pass: &Pass, buffer: ResourceId) -> Option<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::draw::facts::{self, SceneFacts};
-    use crate::draw::planner::Planner;
+    use crate::draw::facts;
+    use crate::draw::planner::testing;
 
     #[test]
     fn buffers_of_vectors_are_read_as_floats_and_buffers_of_keys_as_integers() {
-        let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
-        let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
-        let plan = Planner::default().plan("splat", &[], &facts, &facts::nominal_catalog());
-        let plan = plan.unwrap_or_else(|error| panic!("{error}"));
+        let plan = testing::plan("splat", &[], facts::USUAL_SUBGROUP_SIZE);
         let read = |name: &str| {
             let buffer = plan.find_resource(name).unwrap_or_else(|| panic!("no {name}"));
             of_buffer(&plan, plan.order().next().expect("a pass"), buffer)
