@@ -9,7 +9,7 @@ use crate::io::output::{self, file::Cause};
 use npyz::{NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use zip::ZipArchive;
 
 pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
@@ -52,8 +52,11 @@ const MAX_HEADER: usize = 4096;
 /// Maximum number of brackets in a header. The library's parser recurses for each one.
 const MAX_BRACKETS: usize = 16;
 
+/// An array whose header has been read.
+type Array<R> = NpyFile<io::Chain<io::Cursor<Vec<u8>>, R>>;
+
 /// Reads the header of an array, after checking its length and its nesting, which the library's parser trusts.
-fn begin<R: Read>(mut reader: R) -> io::Result<NpyFile<impl Read>> {
+fn begin<R: Read>(mut reader: R) -> io::Result<Array<R>> {
     let fail = |text: String| io::Error::new(io::ErrorKind::InvalidData, text);
     // The magic number, the version, and the header's length in 2 or 4 bytes.
     let mut start = vec![0; 8];
@@ -80,12 +83,35 @@ fn begin<R: Read>(mut reader: R) -> io::Result<NpyFile<impl Read>> {
     NpyFile::new(io::Cursor::new(start).chain(reader))
 }
 
+/// Reads the header of a `.npy` file, or of an array in an archive, and passes the array to `body`.
+fn array<T>(
+    path: &Path,
+    body: impl FnOnce(Array<BufReader<Box<dyn Read + '_>>>) -> Result<T, ImageError>,
+) -> Result<T, ImageError> {
+    let mut npz;
+    let bytes: Box<dyn Read> = match split_member(path) {
+        Some((archive, array)) => {
+            npz = open_npz(&archive)?;
+            Box::new(member(&archive, &mut npz, &array)?)
+        }
+        None => Box::new(open(path)?),
+    };
+    body(begin(BufReader::new(bytes)).map_err(|e| ImageError::new(path, e))?)
+}
+
 pub(super) fn load(path: &Path) -> Result<(Image<f64>, Depth), ImageError> {
-    read(path, begin(open(path)?).map_err(|e| ImageError::new(path, e))?)
+    array(path, |npy| read(path, npy))
 }
 
 pub(super) fn header(path: &Path) -> Result<Header, ImageError> {
-    header_of(path, &begin(open(path)?).map_err(|e| ImageError::new(path, e))?)
+    array(path, |npy| {
+        shape(path, &npy).map(|(size, channels)| Header {
+            size,
+            has_alpha: channels == 4,
+            is_grey: channels == 1,
+            ..Header::default()
+        })
+    })
 }
 
 /// Returns true if the file is as long as the array in its header. The format has no checksums, so other damage is not
@@ -106,18 +132,6 @@ pub(super) fn is_whole(path: &Path) -> Result<bool, ImageError> {
     Ok(Some(file.get_ref().metadata().map_err(fail)?.len()) == expected)
 }
 
-pub(super) fn load_member(archive: &Path, array: &str) -> Result<(Image<f64>, Depth), ImageError> {
-    let mut npz = open_npz(archive)?;
-    let member = member(archive, &mut npz, array)?;
-    read(archive, begin(member).map_err(|e| ImageError::new(archive, e))?)
-}
-
-pub(super) fn member_header(archive: &Path, array: &str) -> Result<Header, ImageError> {
-    let mut npz = open_npz(archive)?;
-    let member = member(archive, &mut npz, array)?;
-    header_of(archive, &begin(member).map_err(|e| ImageError::new(archive, e))?)
-}
-
 /// Opens an array of an archive. The array's own header, not the archive, determines how much is read.
 fn member<'a>(
     archive: &Path,
@@ -129,7 +143,13 @@ fn member<'a>(
         let names = npz_names(archive)?.join(", ");
         return Err(ImageError::new(archive, format!("expected an array named `{array}`, found {names}")));
     }
-    npz.by_name(&name).map(BufReader::new).map_err(|error| ImageError::new(archive, error))
+    npz.by_name(&name).map_err(|error| ImageError::new(archive, error))
+}
+
+/// Splits `a/b.npz#name` into `a/b.npz` and `name`; `None` for other paths.
+pub fn split_member(path: &Path) -> Option<(PathBuf, String)> {
+    let (archive, array) = path.to_str()?.rsplit_once('#')?;
+    has_extension(Path::new(archive), "npz").then(|| (PathBuf::from(archive), array.to_owned()))
 }
 
 /// Lists the names of the arrays in an archive, sorted.
@@ -146,15 +166,6 @@ pub fn npz_names(archive: &Path) -> Result<Vec<String>, ImageError> {
 
 fn open_npz(archive: &Path) -> Result<ZipArchive<BufReader<File>>, ImageError> {
     ZipArchive::new(open(archive)?).map_err(|e| ImageError::new(archive, e))
-}
-
-fn header_of<R: Read>(path: &Path, npy: &NpyFile<R>) -> Result<Header, ImageError> {
-    shape(path, npy).map(|(size, channels)| Header {
-        size,
-        has_alpha: channels == 4,
-        is_grey: channels == 1,
-        ..Header::default()
-    })
 }
 
 /// Checks the shape of an array, and returns the picture's size and its number of channels.
@@ -232,10 +243,6 @@ mod tests {
         Image::load(path)
     }
 
-    fn load_member(archive: &Path, array: &str) -> Result<Image, ImageError> {
-        super::load_member(archive, array).map(|(image, _)| image.narrow())
-    }
-
     #[test]
     fn arrays_of_other_shapes_and_types_are_errors_that_say_what_they_are() {
         let folder = tempfile::tempdir().unwrap();
@@ -294,7 +301,8 @@ mod tests {
         npz.write_all(b"\n").unwrap();
         npz.write_all(&vec![0; 1 << 20]).unwrap();
         npz.finish().unwrap();
-        for error in [load_member(&path, "a").unwrap_err(), member_header(&path, "a").unwrap_err()] {
+        let path = folder.path().join("bomb.npz#a");
+        for error in [load(&path).unwrap_err(), Image::header(&path).unwrap_err()] {
             assert!(error.to_string().contains("found 1000000 x 1000000"), "{error}");
         }
     }
@@ -334,8 +342,8 @@ mod tests {
         }
         npz.finish().unwrap();
         assert_eq!(npz_names(&path).unwrap(), ["first", "second"]);
-        assert_eq!(load_member(&path, "first").unwrap().rgb, [[1.0; 3]]);
-        let message = load_member(&path, "third").unwrap_err().to_string();
+        assert_eq!(load(&folder.path().join("a.npz#first")).unwrap().rgb, [[1.0; 3]]);
+        let message = load(&folder.path().join("a.npz#third")).unwrap_err().to_string();
         assert!(
             message.ends_with("a.npz: expected an array named `third`, found first, second"),
             "{message}"
