@@ -22,4 +22,4 @@ pub mod watch;
 pub use crate::source::{Content, Wanted};
 pub use last_good::{Attempt, LastGood};
 pub use rebuild::{Panicked, Rebuilder, panic_message};
-pub use watch::{FileChange, WatchKind, Watcher};
+pub use watch::{FileChange, Watcher};

@@ -8,7 +8,6 @@ use crate::view::paint::Mode;
 use crate::view::viewer::Viewer;
 use crate::view::viewport::Viewport;
 use egui::{Align, Layout, RichText, Spinner, Ui, UiBuilder};
-use splatgraph_framework::reload::WatchKind;
 
 const LINES: usize = 20;
 
@@ -31,10 +30,6 @@ impl Panels {
                 ui.label(format!("{id}: {progress}"));
             }
             self.states(ui, id, viewport);
-        }
-        let watching = viewer.a.renderer.watching();
-        if watching != WatchKind::Events {
-            ui.colored_label(palette.caution, format!("files are watched by {watching}"));
         }
         let is_of_hidden = |line: &&String| viewer.compare == Mode::A && line.starts_with("B: ");
         // A failure that persists is already shown as a state.

@@ -36,7 +36,7 @@ use splatgraph_assets::Scene;
 use splatgraph_framework::ir::{ParamBinding, Value};
 use splatgraph_framework::lower::{Control, parse_value};
 use splatgraph_framework::plan::Plan;
-use splatgraph_framework::reload::{FileChange, LastGood, Rebuilder, WatchKind, Watcher};
+use splatgraph_framework::reload::{FileChange, LastGood, Rebuilder, Watcher};
 use state::{BuildState, Crowded, DeviceState, Fault, Pause, PendingBuild, ends_device, pause_after};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -315,11 +315,6 @@ impl Renderer {
     /// Describes the current step of the build, as text for the status line; empty if unknown.
     pub fn progress(&self) -> String {
         self.progress.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
-    /// Returns the method of watching files: notifications or polling.
-    pub fn watching(&self) -> WatchKind {
-        self.watcher.kind()
     }
 
     /// Selects another graph, replaces all changed parameters with `set`, and forgets raised capacities. Settings that

@@ -16,8 +16,8 @@ pub struct Patience {
     pub moving: Duration,
     pub gone: Duration,
     pub gather: Duration,
-    /// Interval of regular looks at all files; `None` disables them.
-    pub rounds: Option<Duration>,
+    /// Interval between looks at all files.
+    pub interval: Duration,
     /// Returns the contents of a path.
     pub content: fn(&Path) -> Content,
 }
@@ -104,9 +104,8 @@ impl Subject {
         self.glance = Some(Glance { stamp, content });
     }
 
-    /// Updates the pending difference according to the last look; does nothing before the first look. `noticed` is the
-    /// time of the event or timeout that caused the look.
-    pub fn weigh(&mut self, noticed: Instant, now: Instant) {
+    /// Updates the pending difference according to the last look, at `now`; does nothing before the first look.
+    pub fn weigh(&mut self, now: Instant) {
         let Some(glance) = self.glance else { return };
         if glance.content == self.told {
             self.pending = None;
@@ -114,7 +113,7 @@ impl Subject {
         }
         let gone = glance.content.is_empty();
         let pending = self.pending.get_or_insert(Pending {
-            first_seen: noticed,
+            first_seen: now,
             gone,
             gone_since: now,
             steady_since: now,

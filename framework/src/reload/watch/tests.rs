@@ -1,7 +1,8 @@
-//! Tests with real files and the system's real events. Nothing is timed: a wait ends with the change, or fails after a
-//! minute. To check that no change is reported, a test saves another file afterwards; only that one may be reported.
+//! Tests with real files. Nothing is timed: a wait ends with the change, or fails after a minute. To check that no change
+//! is reported, a test saves another file afterwards; only that one may be reported.
 
 use std::fs;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::*;
@@ -9,9 +10,9 @@ use crate::source::{Kind, Library, SourceMap};
 
 const LONG: Duration = Duration::from_secs(60);
 
-/// The real delays, with two exceptions. There are no regular looks, which could hide that an event is missing. A
-/// missing file is reported only after a minute, because a slow machine may take long to replace a file.
-const EVENTS: Patience = Patience { rounds: None, gone: LONG, ..PATIENCE };
+/// The real delays, except that a missing file is reported only after a minute: a slow machine may take long to replace
+/// a file.
+const REAL: Patience = Patience { gone: LONG, ..PATIENCE };
 
 struct Desk {
     root: tempfile::TempDir,
@@ -23,20 +24,12 @@ struct Desk {
 
 impl Desk {
     fn new(files: &[(&str, &str)]) -> Desk {
-        Desk::with(EVENTS, true, files)
+        Desk::with(REAL, files)
     }
 
-    fn with(patience: Patience, events: bool, files: &[(&str, &str)]) -> Desk {
+    fn with(patience: Patience, files: &[(&str, &str)]) -> Desk {
         let (sender, wakes) = channel();
-        let wake = move || _ = sender.send(());
-        let native = move |handler| -> notify::Result<Native> {
-            if events {
-                Ok(Box::new(notify::recommended_watcher(handler)?))
-            } else {
-                Err(notify::Error::generic("that is wanted"))
-            }
-        };
-        let watcher = Watcher::start(patience, native, wake).expect("a watcher");
+        let watcher = Watcher::start(patience, move || _ = sender.send(())).expect("a watcher");
         let root = tempfile::tempdir().expect("a folder");
         let mut desk = Desk { root, watcher, wakes, wanted: Vec::new(), content: patience.content };
         for (name, text) in files {
@@ -66,7 +59,7 @@ impl Desk {
         let read = |path: &PathBuf| Wanted { path: path.clone(), content: (self.content)(path) };
         let wanted: Vec<Wanted> = self.wanted.iter().map(read).collect();
         self.watcher.watch(&wanted);
-        // Wait until this look is over, so that the next change needs its own event.
+        // Wait until this look is over, so that the next change is one.
         let (sender, answer) = channel();
         self.watcher.inbox.send(Message::Answer(sender)).expect("the thread runs");
         answer.recv().expect("the thread answers");
@@ -106,7 +99,6 @@ impl Desk {
 #[test]
 fn a_saved_file_is_a_change() {
     let mut desk = Desk::new(&[("a", "one"), ("b", "one")]);
-    assert_eq!(desk.watcher.kind(), WatchKind::Events);
     for text in ["two", "three", "four"] {
         let before = Instant::now();
         desk.save("a", text);
@@ -163,8 +155,8 @@ fn a_touch_is_no_change_and_neither_is_a_save_of_the_same_text() {
 
 #[test]
 fn a_change_that_is_taken_back_before_the_file_is_still_is_none() {
-    let patience = Patience { quiet: Duration::from_secs(2), ..EVENTS };
-    let mut desk = Desk::with(patience, true, &[("a", "one"), ("sentinel", "")]);
+    let patience = Patience { quiet: Duration::from_secs(2), ..REAL };
+    let mut desk = Desk::with(patience, &[("a", "one"), ("sentinel", "")]);
     desk.save("a", "two");
     desk.save("a", "one");
     desk.nothing_changed();
@@ -181,8 +173,8 @@ fn an_editor_that_empties_a_file_and_writes_it_later_makes_one_change() {
 
 #[test]
 fn a_file_that_stays_empty_or_away_is_a_change_after_the_grace() {
-    let patience = Patience { gone: Duration::from_millis(300), ..EVENTS };
-    let mut desk = Desk::with(patience, true, &[("a", "one"), ("b", "one")]);
+    let patience = Patience { gone: Duration::from_millis(300), ..REAL };
+    let mut desk = Desk::with(patience, &[("a", "one"), ("b", "one")]);
     desk.save("a", "");
     assert_eq!(desk.change(), ["a"]);
     desk.built();
@@ -211,8 +203,8 @@ fn a_file_that_stays_empty_or_away_is_a_change_after_the_grace() {
 
 #[test]
 fn a_file_that_never_stands_still_is_a_change_nevertheless() {
-    let patience = Patience { quiet: LONG, moving: Duration::from_millis(200), ..EVENTS };
-    let mut desk = Desk::with(patience, true, &[("a", "one")]);
+    let patience = Patience { quiet: LONG, moving: Duration::from_millis(200), ..REAL };
+    let mut desk = Desk::with(patience, &[("a", "one")]);
     desk.save("a", "two");
     assert_eq!(desk.change(), ["a"]);
 }
@@ -228,8 +220,8 @@ fn a_file_that_is_emptied_by_every_save_is_a_change_nevertheless() {
         let now = begun + frame * Duration::from_millis(16);
         desk.save("a", if frame.is_multiple_of(2) { "" } else { "two" });
         subject.look(Content::at);
-        subject.weigh(now, now);
-        subject.difference(&EVENTS).expect("the file differs").due <= now
+        subject.weigh(now);
+        subject.difference(&REAL).expect("the file differs").due <= now
     };
     let due = (0..100).find(|frame| is_due(*frame)).expect("a change");
     assert_eq!(due, 63, "with contents, after a second");
@@ -238,8 +230,8 @@ fn a_file_that_is_emptied_by_every_save_is_a_change_nevertheless() {
 #[test]
 fn a_change_does_not_wait_long_for_a_file_that_is_still_moving() {
     // `b` changes all the time and would delay the report; `a` is saved once.
-    let patience = Patience { moving: LONG, ..EVENTS };
-    let mut desk = Desk::with(patience, true, &[("a", "one"), ("b", "one")]);
+    let patience = Patience { moving: LONG, ..REAL };
+    let mut desk = Desk::with(patience, &[("a", "one"), ("b", "one")]);
     let b = desk.path("b");
     let stop = AtomicBool::new(false);
     std::thread::scope(|scope| {
@@ -260,8 +252,8 @@ fn a_change_does_not_wait_long_for_a_file_that_is_still_moving() {
 
 #[test]
 fn files_that_are_saved_together_are_one_change() {
-    let patience = Patience { quiet: Duration::from_secs(1), gather: LONG, ..EVENTS };
-    let mut desk = Desk::with(patience, true, &[("a/one", "1"), ("b/two", "1"), ("c", "1")]);
+    let patience = Patience { quiet: Duration::from_secs(1), gather: LONG, ..REAL };
+    let mut desk = Desk::with(patience, &[("a/one", "1"), ("b/two", "1"), ("c", "1")]);
     desk.save("b/two", "2");
     desk.save("a/one", "2");
     assert_eq!(desk.change(), ["a/one", "b/two"]);
@@ -269,8 +261,8 @@ fn files_that_are_saved_together_are_one_change() {
 
 #[test]
 fn a_burst_of_saves_is_few_changes_and_the_last_one_wins() {
-    let patience = Patience { quiet: Duration::from_millis(500), moving: LONG, ..EVENTS };
-    let mut desk = Desk::with(patience, true, &[("a", "")]);
+    let patience = Patience { quiet: Duration::from_millis(500), moving: LONG, ..REAL };
+    let mut desk = Desk::with(patience, &[("a", "")]);
     let last = Content::of(b"99");
     for text in 0..100 {
         desk.save("a", &text.to_string());
@@ -319,8 +311,6 @@ fn a_folder_that_is_removed_and_restored_is_watched_on() {
     }
 }
 
-/// On macOS the regular looks find this; see [`EVERY_FOLDER`].
-#[cfg(not(target_os = "macos"))]
 #[test]
 fn a_folder_that_is_exchanged_far_above_is_noticed() {
     let mut desk = Desk::new(&[("p/q/r/a", "one")]);
@@ -420,8 +410,8 @@ fn build(desk: &mut Desk) -> (Vec<Wanted>, String) {
 
 #[test]
 fn a_file_that_appears_earlier_in_the_search_is_a_change() {
-    let patience = Patience { gone: Duration::from_millis(300), ..EVENTS };
-    let mut desk = Desk::with(patience, true, &[("pipelines/a.ron", "")]);
+    let patience = Patience { gone: Duration::from_millis(300), ..REAL };
+    let mut desk = Desk::with(patience, &[("pipelines/a.ron", "")]);
     assert_eq!(build(&mut desk).1, "built in");
     // Replaces a built-in file, in a folder that does not exist yet.
     desk.save("shaders/splat.frag", "beside the graphs");
@@ -442,32 +432,9 @@ fn a_file_that_appears_earlier_in_the_search_is_a_change() {
 }
 
 #[test]
-fn without_events_the_same_is_noticed_by_looking() {
-    let mut desk = Desk::with(EVENTS, false, &[("a", "one"), ("p/b", "one"), ("sentinel", "")]);
-    assert_eq!(desk.watcher.kind(), WatchKind::Polling("that is wanted".into()));
-    assert_eq!(desk.watcher.kind().to_string(), "polling, because that is wanted");
-    desk.save("a", "two");
-    assert_eq!(desk.change(), ["a"]);
-    desk.built();
-    desk.save("new", "three");
-    fs::rename(desk.path("new"), desk.path("a")).expect("renamed");
-    assert_eq!(desk.change(), ["a"]);
-    desk.built();
-    fs::remove_dir_all(desk.path("p")).expect("removed");
-    desk.save("p/b", "two");
-    assert_eq!(desk.change(), ["p/b"]);
-    desk.built();
-    desk.save("a", "three");
-    desk.nothing_changed();
-    desk.want(&["one/two/file"]);
-    desk.save("one/two/file", "new");
-    assert_eq!(desk.change(), ["one/two/file"]);
-}
-
-#[test]
 fn a_large_file_is_known_by_its_metadata_and_every_write_is_a_change_but_no_read() {
-    let patience = Patience { content: Content::stamp, ..EVENTS };
-    let mut desk = Desk::with(patience, true, &[("a", "one"), ("sentinel", "")]);
+    let patience = Patience { content: Content::stamp, ..REAL };
+    let mut desk = Desk::with(patience, &[("a", "one"), ("sentinel", "")]);
     desk.save("a", "");
     fs::read(desk.path("a")).expect("read");
     desk.nothing_changed();
@@ -486,55 +453,6 @@ fn a_large_file_is_known_by_its_metadata_and_every_write_is_a_change_but_no_read
     }
     fs::read(desk.path("a")).expect("read");
     desk.nothing_changed();
-}
-
-#[test]
-fn where_events_are_silent_the_rounds_notice() {
-    let (sender, wakes) = channel();
-    let native = |_| -> notify::Result<Native> { Ok(Box::new(notify::NullWatcher)) };
-    let patience = Patience { rounds: Some(Duration::from_millis(50)), ..EVENTS };
-    let watcher = Watcher::start(patience, native, move || _ = sender.send(())).expect("a watcher");
-    let root = tempfile::tempdir().expect("a folder");
-    let mut desk = Desk { root, watcher, wakes, wanted: Vec::new(), content: Content::at };
-    desk.save("a", "one");
-    desk.want(&["a"]);
-    desk.save("a", "two");
-    assert_eq!(desk.change(), ["a"]);
-    assert_eq!(desk.watcher.kind(), WatchKind::Events);
-}
-
-/// A watcher whose system has no watches left.
-struct Full;
-
-impl notify::Watcher for Full {
-    fn new<F: notify::EventHandler>(_: F, _: notify::Config) -> notify::Result<Self> {
-        Ok(Full)
-    }
-    fn watch(&mut self, _: &Path, _: RecursiveMode) -> notify::Result<()> {
-        Err(notify::Error::new(ErrorKind::MaxFilesWatch))
-    }
-    fn unwatch(&mut self, _: &Path) -> notify::Result<()> {
-        Ok(())
-    }
-    fn kind() -> notify::WatcherKind {
-        notify::WatcherKind::NullWatcher
-    }
-}
-
-#[test]
-fn a_system_whose_watches_are_used_up_is_polled_and_says_so() {
-    let (sender, wakes) = channel();
-    let native = |_| -> notify::Result<Native> { Ok(Box::new(Full)) };
-    let watcher = Watcher::start(EVENTS, native, move || _ = sender.send(())).expect("a watcher");
-    let root = tempfile::tempdir().expect("a folder");
-    let mut desk = Desk { root, watcher, wakes, wanted: Vec::new(), content: Content::at };
-    desk.save("a", "one");
-    desk.want(&["a"]);
-    desk.wakes.recv_timeout(LONG).expect("woken, as the kind is another");
-    let why = "polling, because the system's limit on watched folders is reached";
-    assert_eq!(desk.watcher.kind().to_string(), why);
-    desk.save("a", "two");
-    assert_eq!(desk.change(), ["a"]);
 }
 
 #[test]
