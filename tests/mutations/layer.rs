@@ -1,9 +1,8 @@
 //! Predicts which mistakes in barriers synchronization validation reports.
 //!
-//! The calibration tests of the Vulkan backend established the layer's blind spots for Khronos validation 1.3.239, one
-//! plan with one mistake each. The oracle lists the violations of a mutant; each names two accesses and what is missing
-//! between them. The layer should report a violation unless it is blind to one of the accesses, or to the pair. The
-//! layer's silence about a mutant is never used as evidence.
+//! The blind spots are those of Khronos validation 1.3.239. The oracle lists the violations of a mutant; each names two
+//! accesses and what is missing between them. The layer should report a violation unless it is blind to one of the
+//! accesses, or to the pair. The layer's silence about a mutant is never used as evidence.
 
 use splatgraph_api::FRAMES_IN_FLIGHT;
 use splatgraph_framework::ir::{

@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 #[path = "../../../../tests/again.rs"]
 mod again;
 
-pub use again::{again_comparing_submissions, compares_submissions};
+pub use again::again_comparing_submissions;
 
 pub fn open() -> Vulkan {
     let options = Options { device: None, validation: Validation::Synchronization, ..Options::default() };

@@ -175,3 +175,22 @@ fn an_image_that_nothing_has_written_cannot_be_inspected() {
     assert!(error.contains("`fill`, which does not run in this frame"), "{error}");
     finish(vulkan);
 }
+
+#[test]
+fn a_message_of_the_validation_layer_names_the_resource_and_the_pass() {
+    let mut build = Build::new();
+    let words = build.words("words", 4);
+    let shader = build.shader("add.comp", &add(1));
+    build.fill(Run::Frame, "first", words, 1);
+    let second = build.dispatch(Run::Frame, "second", shader, 4, &[(words, 0, BOTH)]);
+    let plan = show(build, words);
+    let mut barriers = barriers_everywhere(&plan);
+    barriers.at_mut(Some(second)).clear();
+    let mut vulkan = open();
+    load_with(&mut vulkan, plan, barriers);
+    frame(&mut vulkan, &FrameInputs::default());
+    let messages = vulkan.close();
+    let hazard = messages.iter().find(|text| text.contains("SYNC-HAZARD"));
+    let hazard = hazard.unwrap_or_else(|| panic!("no hazard was seen in {messages:?}"));
+    assert!(hazard.contains("[words]") && hazard.contains("[second]"), "{hazard}");
+}

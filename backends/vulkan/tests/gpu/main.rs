@@ -8,7 +8,6 @@
 
 mod bounds;
 mod build;
-mod calibration;
 mod compute;
 mod draw;
 mod frames;
