@@ -11,6 +11,7 @@
 
 use super::encoding::RenderStages;
 use std::cmp::Reverse;
+use std::collections::HashSet;
 
 /// A wait of an encoder for an earlier encoder, `source`.
 #[derive(Clone, Copy, Debug)]
@@ -30,20 +31,14 @@ pub(super) type Moment = (usize, RenderStages);
 
 /// Returns true if the end of stage `first` is the end of stage `last`, or is ordered before it.
 ///
-/// `is_new` returns true for a moment that it has not been asked about. `waits` adds the ends that a stage waits for: a
-/// stage ends after it began, and after the stages before it.
-pub(super) fn ends_before(
-    first: Moment,
-    last: Moment,
-    mut is_new: impl FnMut(Moment) -> bool,
-    waits: impl Fn(Moment, &mut Vec<Moment>),
-) -> bool {
-    let mut open = vec![last];
+/// `waits` adds the ends that a stage waits for: a stage ends after it began, and after the stages before it.
+pub(super) fn ends_before(first: Moment, last: Moment, waits: impl Fn(Moment, &mut Vec<Moment>)) -> bool {
+    let (mut open, mut seen) = (vec![last], HashSet::new());
     while let Some(moment) = open.pop() {
         if moment.0 == first.0 && first.1 <= moment.1 {
             return true;
         }
-        if moment.0 > first.0 && is_new(moment) {
+        if moment.0 > first.0 && seen.insert(moment) {
             waits(moment, &mut open);
         }
     }
@@ -126,16 +121,8 @@ impl Order<'_> {
     }
 
     fn before(&self, first: Moment, last: Moment) -> bool {
-        let mut seen = Vec::new();
-        let is_new = |moment: Moment| {
-            let new = !seen.contains(&moment);
-            if new {
-                seen.push(moment);
-            }
-            new
-        };
         let turn = self.turn.unwrap_or(usize::MAX);
-        ends_before(first, last, is_new, |(encoder, stage), open| {
+        ends_before(first, last, |(encoder, stage), open| {
             let waits = self.waits[encoder % turn].iter().filter(|wait| wait.before <= stage);
             open.extend(waits.filter_map(|wait| {
                 let start = (encoder - encoder % turn).checked_sub(if wait.previous { turn } else { 0 })?;

@@ -44,10 +44,6 @@ struct Walk<'a> {
     places: Vec<Option<(usize, usize)>>,
     /// The waits of each encoder in the walk: those of the prologue, the first frame and the second.
     waits: Vec<Vec<Edge>>,
-    /// For each encoder, the numbers of the last searches that visited the ends of its vertices and of its rest.
-    /// Numbering the searches avoids clearing marks between them.
-    seen: Vec<u32>,
-    searches: u32,
 }
 
 /// The waits and barriers of one encoder, with their reasons.
@@ -61,13 +57,7 @@ struct Ordered<'a> {
 }
 
 pub(super) fn order(plan: &Plan, prologue: Vec<Group>, frame: Vec<Group>) -> (Encoders, Vec<(At, Cause)>) {
-    let mut walk = Walk {
-        plan,
-        places: vec![None; plan.passes.len()],
-        waits: Vec::new(),
-        seen: Vec::new(),
-        searches: 0,
-    };
+    let mut walk = Walk { plan, places: vec![None; plan.passes.len()], waits: Vec::new() };
     let once: Vec<Ordered> = prologue.iter().map(|group| walk.encoder(group, 0)).collect();
     let start = once.len();
     let first: Vec<Ordered> = frame.iter().map(|group| walk.encoder(group, start)).collect();
@@ -198,12 +188,8 @@ impl<'a> Walk<'a> {
         all.sort_by_key(|edge| (std::cmp::Reverse((edge.source, edge.after)), edge.before));
         all.dedup();
         for edge in all {
-            let kept = self.waits[instance].clone();
-            let mut implied = kept
-                .iter()
-                .filter(|other| other.before <= edge.before)
-                .map(|other| (other.source, other.after));
-            if !implied.any(|end| self.reaches((edge.source, edge.after), end)) {
+            let mut kept = self.waits[instance].iter().filter(|other| other.before <= edge.before);
+            if !kept.any(|other| self.reaches((edge.source, edge.after), (other.source, other.after))) {
                 self.waits[instance].push(edge);
             }
         }
@@ -212,15 +198,9 @@ impl<'a> Walk<'a> {
         edges
     }
 
-    fn reaches(&mut self, first: Moment, last: Moment) -> bool {
-        self.searches += 1;
-        self.seen.resize(2 * self.waits.len(), 0);
-        let Walk { waits, seen, searches, .. } = self;
-        let is_new = |(instance, stage): Moment| {
-            std::mem::replace(&mut seen[2 * instance + stage as usize], *searches) != *searches
-        };
-        fences::ends_before(first, last, is_new, |(instance, stage), open| {
-            let before = waits[instance].iter().filter(|edge| edge.before <= stage);
+    fn reaches(&self, first: Moment, last: Moment) -> bool {
+        fences::ends_before(first, last, |(instance, stage), open| {
+            let before = self.waits[instance].iter().filter(|edge| edge.before <= stage);
             open.extend(before.map(|edge| (edge.source, edge.after)));
         })
     }
