@@ -38,28 +38,14 @@ impl Sketch {
         self.add(name, Run::Frame, Work::Dispatch { shader: ShaderId(0), groups }, &uses);
     }
 
-    pub fn fill(&mut self, name: &str, buffer: ResourceId) {
-        let uses = [touch(buffer, Stages::CLEAR, Accesses::TRANSFER_WRITE)];
-        self.add(name, Run::Frame, Work::Fill { buffer, value: 0 }, &uses);
-    }
-
     /// Adds a draw into an image; `load` says whether the image is cleared first or kept.
     pub fn draw(&mut self, name: &str, image: ResourceId, load: Load, uses: &[Use]) {
-        self.draw_by(name, DrawCall::Direct { vertices: 3, instances: 1 }, image, load, uses);
-    }
-
-    pub fn draw_from(&mut self, name: &str, buffer: ResourceId, image: ResourceId, uses: &[Use]) {
-        let uses = [&[arguments(buffer)], uses].concat();
-        self.draw_by(name, DrawCall::Indirect { buffer, offset: 0 }, image, CLEAR, &uses);
-    }
-
-    fn draw_by(&mut self, name: &str, call: DrawCall, image: ResourceId, load: Load, uses: &[Use]) {
         let target = touch(image, Stages::COLOR_OUTPUT, Accesses::COLOR_READ | Accesses::COLOR_WRITE);
         let work = Work::Draw {
             vertex: ShaderId(0),
             fragment: ShaderId(1),
             topology: Topology::TriangleList,
-            call,
+            call: DrawCall::Direct { vertices: 3, instances: 1 },
             targets: vec![Target { image, load, blend: Blend::Replace }],
             depth: None,
         };
@@ -108,10 +94,6 @@ pub fn vertices_read(resource: ResourceId) -> Use {
 
 pub fn fragments_read(resource: ResourceId) -> Use {
     touch(resource, Stages::FRAGMENT, Accesses::STORAGE_READ)
-}
-
-pub fn fragments_write(resource: ResourceId) -> Use {
-    touch(resource, Stages::FRAGMENT, Accesses::STORAGE_WRITE)
 }
 
 /// Formats an encoder: `compute after 0: make, (buffers) use; then 1`. Numbers are fences; `0v` and `0f` are waits

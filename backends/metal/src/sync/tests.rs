@@ -21,24 +21,6 @@ fn expect(sketch: &Sketch, frame: &[&str]) {
 }
 
 #[test]
-fn a_read_waits_for_a_write_of_the_same_encoder_at_a_barrier_for_buffers() {
-    let mut s = Sketch::new();
-    let x = s.buffer("x");
-    s.dispatch("make", &[writes(x)]);
-    s.dispatch("use", &[reads(x)]);
-    expect(&s, &["compute after 0: make, (buffers) use; then 0"]);
-}
-
-#[test]
-fn dispatches_that_touch_nothing_in_common_wait_for_nothing() {
-    let mut s = Sketch::new();
-    let (x, y, z) = (s.buffer("x"), s.buffer("y"), s.buffer("z"));
-    s.dispatch("one", &[reads(x), reads(y)]);
-    s.dispatch("two", &[reads(y), reads(z)]);
-    expect(&s, &["compute: one, two"]);
-}
-
-#[test]
 fn one_barrier_as_late_as_possible_serves_all_that_lie_across_it() {
     let mut s = Sketch::new();
     let (x, y, z) = (s.buffer("x"), s.buffer("y"), s.buffer("z"));
@@ -47,56 +29,6 @@ fn one_barrier_as_late_as_possible_serves_all_that_lie_across_it() {
     s.dispatch("z", &[reads(x), writes(z)]);
     s.dispatch("end", &[reads(y)]);
     expect(&s, &["compute after 0: x, y, (buffers) z, end; then 0"]);
-}
-
-#[test]
-fn a_write_waits_for_reads() {
-    let mut s = Sketch::new();
-    let x = s.buffer("x");
-    s.dispatch("read", &[reads(x)]);
-    s.dispatch("write", &[writes(x)]);
-    expect(&s, &["compute after 0: read, (buffers) write; then 0"]);
-}
-
-#[test]
-fn fills_are_dispatches_among_others() {
-    let mut s = Sketch::new();
-    let (x, y) = (s.buffer("x"), s.buffer("y"));
-    s.dispatch("make", &[writes(y)]);
-    s.fill("clear", x);
-    s.dispatch("add", &[reads(x), writes(x), reads(y)]);
-    expect(&s, &["compute after 0: make, clear, (buffers) add; then 0"]);
-}
-
-#[test]
-fn textures_need_a_barrier_for_textures() {
-    let mut s = Sketch::new();
-    let x = s.image("x");
-    s.dispatch("make", &[writes(x)]);
-    s.dispatch("use", &[reads(x)]);
-    expect(&s, &["compute after 0: make, (textures) use; then 0"]);
-}
-
-#[test]
-fn a_conflict_across_the_last_barrier_adds_to_its_scope() {
-    let mut s = Sketch::new();
-    let (x, y) = (s.buffer("x"), s.image("y"));
-    s.dispatch("make", &[writes(x), writes(y)]);
-    s.dispatch("use x", &[reads(x)]);
-    s.dispatch("use y", &[reads(y)]);
-    expect(&s, &["compute after 0: make, (both) use x, use y; then 0"]);
-}
-
-#[test]
-fn a_texture_in_the_memory_of_a_buffer_waits_at_a_barrier_for_both() {
-    let mut s = Sketch::new();
-    let (x, y) = (s.buffer("x"), s.image("y"));
-    s.share(x, y);
-    s.dispatch("make x", &[writes(x)]);
-    s.dispatch("use x", &[reads(x)]);
-    s.dispatch("make y", &[writes(y)]);
-    s.dispatch("use y", &[reads(y)]);
-    expect(&s, &["compute after 0: make x, (buffers) use x, (both) make y, (textures) use y; then 0"]);
 }
 
 #[test]
@@ -115,34 +47,6 @@ fn arguments_of_dispatches_count_as_reads_of_their_words_alone() {
     s.dispatch_from("use", args, 16, &[writes(image)]);
     s.dispatch("over", &[writes(short)]);
     expect(&s, &["compute after 0: use, over; then 0"]);
-}
-
-#[test]
-fn arguments_of_draws_hold_back_vertices() {
-    let mut s = Sketch::new();
-    let (args, image) = (s.buffer("args"), s.image("image"));
-    s.dispatch("make", &[writes(args)]);
-    s.draw_from("draw", args, image, &[]);
-    // The next frame's `make` waits for this frame's vertices; its fragments wait for this frame's fragments.
-    expect(&s, &["compute after 0: make; then 0", "render after 1f 0v: draw; then 0v 1f"]);
-}
-
-#[test]
-fn what_fragments_alone_read_holds_back_fragments_alone() {
-    let mut s = Sketch::new();
-    let (x, image) = (s.buffer("x"), s.image("image"));
-    s.dispatch("make", &[writes(x)]);
-    s.draw("draw", image, CLEAR, &[fragments_read(x)]);
-    expect(&s, &["compute after 0: make; then 0", "render after 0f: draw; then 0f"]);
-}
-
-#[test]
-fn vertices_that_wait_hold_back_fragments_too() {
-    let mut s = Sketch::new();
-    let (x, y, image) = (s.buffer("x"), s.buffer("y"), s.image("image"));
-    s.dispatch("make", &[writes(x), writes(y)]);
-    s.draw("draw", image, CLEAR, &[vertices_read(x), fragments_read(y)]);
-    expect(&s, &["compute after 0: make; then 0", "render after 0v: draw; then 0f"]);
 }
 
 #[test]
@@ -195,38 +99,6 @@ fn draws_that_keep_the_targets_share_an_encoder() {
             "render after 1f: other; then 1f",
         ],
     );
-}
-
-#[test]
-fn draws_of_which_one_reads_what_the_other_writes_have_encoders_of_their_own() {
-    let mut s = Sketch::new();
-    let (x, image) = (s.buffer("x"), s.image("image"));
-    s.draw("write", image, CLEAR, &[fragments_write(x)]);
-    s.draw("read", image, Load::Keep, &[vertices_read(x)]);
-    expect(&s, &["render after 0f: write; then 0f", "render after 0v: read; then 0f"]);
-}
-
-#[test]
-fn a_frame_waits_for_the_one_before_where_it_touches_the_same_memory() {
-    let mut s = Sketch::new();
-    let x = s.buffer("x");
-    s.dispatch("alone", &[writes(x)]);
-    expect(&s, &["compute after 0: alone; then 0"]);
-}
-
-#[test]
-fn a_frame_does_not_wait_for_copies_that_it_does_not_overwrite() {
-    let mut s = Sketch::new();
-    let (x, y, image) = (s.buffer("x"), s.buffer("y"), s.image("image"));
-    s.dispatch("make", &[writes(x)]);
-    s.draw("draw", image, CLEAR, &[vertices_read(x)]);
-    s.dispatch("count", &[writes(y)]);
-    s.export(image, Some(y));
-    let frame = s.lines();
-    // `make` waits only for the vertices that read `x`.
-    assert_eq!(frame[0], "compute after 0: make; then 0");
-    assert_eq!(frame[1], "render after 1f 0v: draw; then 0v 1f");
-    expect(&s, &frame.iter().map(String::as_str).collect::<Vec<_>>());
 }
 
 #[test]
