@@ -183,6 +183,7 @@ impl Violation {
     }
 }
 
+#[derive(Clone)]
 pub(super) struct Findings {
     pub violations: Vec<Violation>,
     pub first_only: bool,
