@@ -144,6 +144,7 @@ pub fn catalog() -> Catalog {
     Catalog {
         attributes: BTreeMap::from([
             ("scene.position".to_string(), attribute(12, 1)),
+            ("scene.scale".to_string(), attribute(12, 1)),
             ("scene.sh".to_string(), attribute(16, 12)),
         ]),
         uniforms: BTreeMap::from([("frame.camera".to_string(), 256)]),

@@ -66,7 +66,7 @@ pub fn encoded(dump: Dump) -> Dump {
 
 #[test]
 fn encoders_stand_beside_the_barriers_of_the_plan_and_the_reasons_below() {
-    let text = encoders_text(&encoded(dump(&example::splat(4, 1000)))).expect("it has encoders");
+    let text = encoders_text(&encoded(dump(&example::splat(4)))).expect("it has encoders");
     let words: Vec<String> =
         text.lines().map(|l| l.split_whitespace().collect::<Vec<_>>().join(" ")).collect();
     for line in [
@@ -86,12 +86,12 @@ fn encoders_stand_beside_the_barriers_of_the_plan_and_the_reasons_below() {
 
 #[test]
 fn a_dump_without_encoders_has_no_text_of_them() {
-    assert_eq!(encoders_text(&dump(&example::splat(4, 1000))), None);
+    assert_eq!(encoders_text(&dump(&example::splat(4))), None);
 }
 
 #[test]
 fn encoders_read_back_from_json_are_the_same() {
-    let dump = encoded(dump(&example::splat(4, 1000)));
+    let dump = encoded(dump(&example::splat(4)));
     let back: Dump = serde_json::from_str(&json(&dump).to_string()).expect("it is JSON");
     assert_eq!(back, dump);
 }
