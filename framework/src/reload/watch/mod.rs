@@ -2,19 +2,26 @@
 //!
 //! A thread looks at all wanted files at regular intervals ([`INTERVAL`]). It rereads a file if its metadata changed or
 //! is recent, and compares hashes of the contents ([`Watcher::of_large_files`] compares only metadata). A look follows
-//! symlinks, and takes 0.1 ms for a hundred files. Events of the operating system would only tell when to look: they
-//! come in bursts, do not cover folders that are yet to be created, and are missing on network drives.
+//! symlinks, and takes 0.1 ms for a hundred files.
+//!
+//! An event of the operating system in a wanted file's folder makes the next look earlier, and no more: events come in
+//! bursts, are often spurious, do not cover links and folders that are yet to be created, and are missing on network
+//! drives. It is the folder that has events, because most editors save by replacing the file.
 
 mod subject;
 #[cfg(test)]
 mod tests;
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::iter;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
+
+use notify::event::{AccessKind, AccessMode, EventKind};
+use notify::{RecommendedWatcher, RecursiveMode, Watcher as _};
 
 use crate::source::{Content, Wanted};
 use subject::{Patience, Subject};
@@ -31,8 +38,8 @@ pub const LARGE_MOVING: Duration = Duration::from_secs(10);
 pub const GONE: Duration = Duration::from_secs(1);
 /// Maximum time that a change waits for other files to stop changing, so that files saved together are one change.
 pub const GATHER: Duration = Duration::from_millis(100);
-/// Interval between looks at all files. It is longer where a look takes long: see [`SHARE`].
-pub const INTERVAL: Duration = Duration::from_millis(50);
+/// Interval between looks at all files without an event. It is longer where a look takes long: see [`SHARE`].
+pub const INTERVAL: Duration = Duration::from_millis(200);
 
 /// Files that changed since a build read them, or since they were last reported.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -58,6 +65,8 @@ struct Found {
 }
 
 enum Message {
+    /// An event at these paths; without paths, anywhere.
+    Event(Vec<PathBuf>),
     Watch(Vec<Wanted>),
     Stop,
     /// A request for a reply once all earlier messages have been handled.
@@ -83,9 +92,16 @@ impl Watcher {
     fn start(patience: Patience, wake: impl Fn() + Send + 'static) -> std::io::Result<Watcher> {
         let (inbox, messages) = channel();
         let found = Arc::new(Mutex::new(None));
-        let (subjects, next_round) = (Vec::new(), Instant::now());
-        let look_out =
-            LookOut { patience, found: found.clone(), wake, subjects, looked: next_round, next_round };
+        let look_out = LookOut {
+            patience,
+            events: events(inbox.clone()),
+            folders: BTreeSet::new(),
+            found: found.clone(),
+            wake,
+            subjects: Vec::new(),
+            looked: Instant::now(),
+            next_round: Instant::now(),
+        };
         let builder = thread::Builder::new().name("watch".into());
         let thread = builder.spawn(move || look_out.run(&messages))?;
         Ok(Watcher { inbox, found, thread: Some(thread) })
@@ -144,8 +160,34 @@ fn lock(found: &Mutex<Option<Found>>) -> MutexGuard<'_, Option<Found>> {
     found.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Receives the system's events, without those of reading. `None` if the system has none to offer.
+fn events(inbox: Sender<Message>) -> Option<RecommendedWatcher> {
+    let handler = move |event: notify::Result<notify::Event>| {
+        let paths = match event {
+            // Most of these reads are the watcher's own.
+            Ok(event) if is_reading(&event.kind) => return,
+            Ok(event) => event.paths,
+            // Events were lost.
+            Err(_) => Vec::new(),
+        };
+        // This fails only if the watcher is being dropped, or after a panic in `wake`.
+        let _ = inbox.send(Message::Event(paths));
+    };
+    notify::recommended_watcher(handler).ok()
+}
+
+fn is_reading(kind: &EventKind) -> bool {
+    matches!(kind, EventKind::Access(access) if *access != AccessKind::Close(AccessMode::Write))
+}
+
+/// Maximum number of messages that are handled before the next look.
+const MAX_AT_ONCE: usize = 1000;
+
 struct LookOut<Wake> {
     patience: Patience,
+    events: Option<RecommendedWatcher>,
+    /// The folders that send events.
+    folders: BTreeSet<PathBuf>,
     found: Arc<Mutex<Option<Found>>>,
     wake: Wake,
     subjects: Vec<Subject>,
@@ -156,16 +198,29 @@ struct LookOut<Wake> {
 impl<Wake: Fn()> LookOut<Wake> {
     fn run(mut self, messages: &Receiver<Message>) {
         loop {
-            let message = match self.next_look() {
+            let next_look = self.next_look();
+            let first = match next_look {
                 None => messages.recv().map_err(|_| RecvTimeoutError::Disconnected),
                 Some(time) => messages.recv_timeout(time.saturating_duration_since(Instant::now())),
             };
-            match message {
-                Ok(Message::Stop) | Err(RecvTimeoutError::Disconnected) => return,
-                Ok(Message::Watch(wanted)) => self.want(wanted),
-                #[cfg(test)]
-                Ok(Message::Answer(to)) => _ = to.send(()),
-                Err(RecvTimeoutError::Timeout) => self.look(),
+            let mut looks = false;
+            let messages = match first {
+                Ok(first) => Some(iter::once(first).chain(messages.try_iter().take(MAX_AT_ONCE))),
+                Err(RecvTimeoutError::Timeout) => None,
+                Err(RecvTimeoutError::Disconnected) => return,
+            };
+            for message in messages.into_iter().flatten() {
+                match message {
+                    Message::Stop => return,
+                    Message::Watch(wanted) => self.want(wanted),
+                    Message::Event(paths) => looks |= self.concerns(&paths),
+                    #[cfg(test)]
+                    Message::Answer(to) => _ = to.send(()),
+                }
+            }
+            // A look can be due even if messages keep coming.
+            if looks || next_look.is_some_and(|time| time <= Instant::now()) {
+                self.look();
             }
             self.announce();
         }
@@ -190,11 +245,36 @@ impl<Wake: Fn()> LookOut<Wake> {
         }
         let subject = |path: &PathBuf| before.remove(path).unwrap_or_else(|| Subject::new(path));
         self.subjects = read.keys().map(subject).collect();
+        // Before the look, so that any change after it has an event.
+        self.listen();
         self.look();
         for (subject, read) in self.subjects.iter_mut().zip(read.values()) {
             subject.built(read);
             subject.weigh(self.looked);
         }
+    }
+
+    /// Asks for the events of the wanted files' folders. A folder that is missing, or that the system cannot watch, has none:
+    /// the regular looks suffice.
+    fn listen(&mut self) {
+        let Some(events) = &mut self.events else { return };
+        let folders: BTreeSet<PathBuf> =
+            self.subjects.iter().filter_map(|subject| Some(subject.path.parent()?.to_owned())).collect();
+        let mut paths = events.paths_mut();
+        for folder in self.folders.difference(&folders) {
+            let _ = paths.remove(folder);
+        }
+        // All of them, because a folder may have been replaced by another.
+        for folder in &folders {
+            let _ = paths.add(folder, RecursiveMode::NonRecursive);
+        }
+        let _ = paths.commit();
+        self.folders = folders;
+    }
+
+    /// Returns true if an event at these paths may be one of a wanted file.
+    fn concerns(&self, paths: &[PathBuf]) -> bool {
+        paths.is_empty() || self.subjects.iter().any(|subject| paths.contains(&subject.path))
     }
 
     /// Rereads the files that may have changed.

@@ -110,6 +110,24 @@ fn a_saved_file_is_a_change() {
 }
 
 #[test]
+fn an_event_makes_a_look_earlier() {
+    let patience = Patience { interval: 10 * LONG, ..REAL };
+    let mut desk = Desk::with(patience, &[("a", "one"), ("b/c", "one")]);
+    desk.save("a", "two");
+    assert_eq!(desk.change(), ["a"]);
+    desk.built();
+    desk.save(".c.swp", "two");
+    fs::rename(desk.path(".c.swp"), desk.path("b/c")).expect("renamed");
+    assert_eq!(desk.change(), ["b/c"]);
+    // Another folder of this name.
+    fs::rename(desk.path("b"), desk.path("old")).expect("renamed");
+    desk.save("b/c", "two");
+    desk.built();
+    desk.save("b/c", "three");
+    assert_eq!(desk.change(), ["b/c"]);
+}
+
+#[test]
 fn a_file_that_changed_since_it_was_built_is_a_change_at_once() {
     let mut desk = Desk::new(&[("a", "one")]);
     let old = Wanted { path: desk.path("a"), content: Content::of(b"zero") };
