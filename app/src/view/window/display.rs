@@ -1,14 +1,16 @@
 //! Connects to the display, and reports its loss as an error.
 //!
 //! If the connection to an X server breaks, winit panics, which [`guarded`] converts to an error, or libX11 exits the
-//! process with code 1 and a line on standard error: see [`set_open`]. A panic elsewhere is an internal error.
+//! process with code 1 and a line on standard error: see [`set_open`]. A panic of this program in a winit callback is
+//! instead an internal error.
 
-use anyhow::{Result, anyhow};
-use std::cell::RefCell;
+use anyhow::{Context as _, Result, anyhow};
+use std::cell::{Cell, RefCell};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Once};
 use winit::event_loop::{ActiveEventLoop, EventLoop};
+use winit::window::{Window, WindowAttributes};
 
 /// Approximate fraction of a display's height that remains for a window beside title bars and panels.
 const USABLE_HEIGHT: f64 = 0.92;
@@ -73,37 +75,48 @@ mod wayland {
 }
 
 thread_local! {
-    /// The last panic on this thread.
+    /// Owner of the code that this thread runs within [`guarded`].
+    static RUNNING: Cell<Option<Whose>> = const { Cell::new(None) };
+    /// The last panic within [`guarded`] on this thread.
     static PANIC: RefCell<Option<Panic>> = const { RefCell::new(None) };
+}
+
+/// Owner of running code, to whom a panic is attributed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Whose {
+    Program,
+    /// The window library, including egui's adapter for it.
+    Library,
 }
 
 /// A panic caught by [`guarded`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{}", self.text())]
 pub struct Panic {
+    whose: Whose,
     message: String,
     /// File, line and column.
     place: String,
 }
 
 impl Panic {
-    /// Returns true if the window library panicked, or egui's adapter for it.
-    fn is_of_library(&self) -> bool {
-        ["/winit-", "/egui-winit-"].iter().any(|folder| self.place.contains(folder))
-    }
-
     fn text(&self) -> String {
-        let Panic { message, place } = self;
-        match self.is_of_library() {
-            true => format!("the display is gone, or the window library failed: {message} ({place})"),
-            false => format!(
+        let Panic { whose, message, place } = self;
+        match whose {
+            Whose::Program => format!(
                 "internal error at {place}: {message}\nThis is a bug in splatgraph. Please report it with this text."
             ),
+            Whose::Library => {
+                format!("the display is gone, or the window library failed: {message} ({place})")
+            }
         }
     }
 }
 
 /// Runs the event loop, or another call of the window library, until it returns or panics.
+///
+/// Callbacks of the library must run in [`own`], and calls back into the library in [`library`]. The innermost one
+/// determines the owner of a panic.
 ///
 /// # Errors
 /// The library panicked because the display or the connection to it is gone; or this program panicked, which is a bug.
@@ -112,17 +125,65 @@ pub fn guarded<T>(work: impl FnOnce() -> T) -> Result<T, Panic> {
     HOOK.call_once(|| {
         let usual = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |panic| {
-            let message = panic.payload_as_str().unwrap_or("a panic without a message").to_owned();
-            let place = panic.location().map_or_else(String::new, ToString::to_string);
-            let found = Panic { message, place };
-            if !found.is_of_library() {
+            let whose = RUNNING.get();
+            if let Some(whose) = whose {
+                let message = panic.payload_as_str().unwrap_or("a panic without a message").to_owned();
+                let place = panic.location().map_or_else(String::new, ToString::to_string);
+                PANIC.set(Some(Panic { whose, message, place }));
+            }
+            if whose != Some(Whose::Library) {
                 usual(panic);
             }
-            PANIC.set(Some(found));
         }));
     });
-    let result = catch_unwind(AssertUnwindSafe(work));
+    let result = catch_unwind(AssertUnwindSafe(|| library(work)));
     result.map_err(|_| PANIC.take().expect("what unwinds was recorded by the hook"))
+}
+
+/// Runs code of this program inside a callback of the window library.
+pub fn own<T>(work: impl FnOnce() -> T) -> T {
+    run_as(Whose::Program, work)
+}
+
+/// Runs a call into the window library.
+pub fn library<T>(call: impl FnOnce() -> T) -> T {
+    run_as(Whose::Library, call)
+}
+
+fn run_as<T>(whose: Whose, work: impl FnOnce() -> T) -> T {
+    struct Restore(Option<Whose>);
+    impl Drop for Restore {
+        fn drop(&mut self) {
+            RUNNING.set(self.0);
+        }
+    }
+    let _restore = Restore(RUNNING.replace(Some(whose)));
+    work()
+}
+
+/// A window whose methods run winit's calls within [`library`].
+pub struct Handle(Arc<Window>);
+
+impl Handle {
+    /// Opens a window. Fails if the display server refuses it.
+    pub fn open(target: &ActiveEventLoop, attributes: WindowAttributes) -> Result<Handle> {
+        let window = library(|| target.create_window(attributes)).context("the window cannot be opened")?;
+        Ok(Handle(Arc::new(window)))
+    }
+
+    pub fn with<T>(&self, call: impl FnOnce(&Window) -> T) -> T {
+        library(|| call(&self.0))
+    }
+
+    /// Returns the window, for a device to create its surface on.
+    pub fn surface(&self) -> Arc<Window> {
+        self.0.clone()
+    }
+
+    /// Returns the size of the window's content, in pixels.
+    pub fn size(&self) -> (u32, u32) {
+        self.with(Window::inner_size).into()
+    }
 }
 
 /// True while devices are open, and other threads may be using them.
@@ -155,8 +216,9 @@ pub fn is_left_open() -> bool {
 
 /// Returns `size`, in pixels, reduced to fit on the display; unchanged if the display's size is unknown.
 pub fn at_most(target: &ActiveEventLoop, size: (u32, u32)) -> (u32, u32) {
-    let monitor = target.primary_monitor().or_else(|| target.available_monitors().next());
-    let monitor = monitor.map(|monitor| monitor.size()).filter(|size| size.width > 0 && size.height > 0);
+    let monitor = library(|| target.primary_monitor().or_else(|| target.available_monitors().next()));
+    let monitor =
+        monitor.map(|monitor| library(|| monitor.size())).filter(|size| size.width > 0 && size.height > 0);
     monitor.map_or(size, |monitor| fitted(size, (monitor.width, monitor.height)))
 }
 
@@ -187,24 +249,44 @@ mod tests {
         assert_eq!(fitted((900, 720), (1280, 800)), (900, 720));
     }
 
+    const PLACE: &str = "display.rs:";
+
     #[test]
-    fn a_panic_is_a_bug_of_the_program_with_its_message_and_place_unless_the_window_library_panicked() {
+    fn a_panic_of_the_window_library_is_told_as_the_end_of_the_display() {
+        let error = guarded(|| panic!("this panic is part of a test")).unwrap_err().to_string();
+        assert!(
+            error.starts_with("the display is gone, or the window library failed: this panic"),
+            "{error}"
+        );
+        assert!(error.contains(PLACE), "{error}");
+        assert_eq!(guarded(|| 3).unwrap(), 3);
+    }
+
+    #[test]
+    fn a_panic_in_a_callback_is_a_bug_of_the_program_with_its_message_and_place() {
+        let error = guarded(|| own(|| panic!("this panic is part of a test"))).unwrap_err().to_string();
+        assert!(error.starts_with("internal error at ") && error.contains(PLACE), "{error}");
+        assert!(error.contains(": this panic is part of a test\n"), "{error}");
+        assert!(error.contains("This is a bug in splatgraph"), "{error}");
         // A caught panic must not be reported as the cause of the event loop's end.
-        let panic = guarded(|| {
-            assert!(catch_unwind(|| panic!("this panic is part of a test, too")).is_err());
+        let error = guarded(|| {
+            let caught = catch_unwind(|| own(|| panic!("this panic is part of a test, too")));
+            assert!(caught.is_err());
             panic!("this panic is part of a test")
         });
-        let panic = panic.unwrap_err();
-        let error = panic.to_string();
-        assert!(error.starts_with("internal error at ") && error.contains("display.rs:"), "{error}");
-        assert!(error.contains(": this panic is part of a test\nThis is a bug in splatgraph"), "{error}");
-        for library in ["winit-0.30.13", "egui-winit-0.37.0"] {
-            let place = format!("/home/me/.cargo/registry/src/index.crates.io/{library}/src/lib.rs:7:3");
-            let error = Panic { place, ..panic.clone() }.to_string();
-            let expected =
-                "the display is gone, or the window library failed: this panic is part of a test (";
-            assert!(error.starts_with(expected), "{error}");
-        }
-        assert_eq!(guarded(|| 3), Ok(3));
+        assert!(error.unwrap_err().to_string().starts_with("the display is gone"));
+    }
+
+    #[test]
+    fn a_call_of_the_window_library_from_a_callback_panics_for_the_display() {
+        let error = guarded(|| own(|| library(|| panic!("this panic is part of a test")))).unwrap_err();
+        assert!(error.to_string().starts_with("the display is gone"), "{error}");
+        let error = guarded(|| {
+            own(|| {
+                library(|| ());
+                panic!("this panic is part of a test")
+            })
+        });
+        assert!(error.unwrap_err().to_string().starts_with("internal error"));
     }
 }

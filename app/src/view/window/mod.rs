@@ -20,8 +20,9 @@ use super::shell::Shell;
 use super::viewer::Viewer;
 use crate::draw::backend::{Api, Backend, Options};
 use crate::io::output::Log;
-use anyhow::{Context as _, Result};
+use anyhow::Result;
 pub use display::is_left_open;
+use display::own;
 use event_log::EventLog;
 use running::{Closing, Running, title};
 use splatgraph_api::Device;
@@ -111,10 +112,9 @@ impl App<'_> {
         let attributes = Window::default_attributes()
             .with_title(&title)
             .with_inner_size(PhysicalSize::new(size.0, size.1));
-        let window = target.create_window(attributes).context("the window cannot be opened")?;
-        let window = Arc::new(window);
-        let size = window.inner_size().into();
-        let (api, device, surface) = (options.backend, options.device, window.clone());
+        let window = display::Handle::open(target, attributes)?;
+        let size = window.size();
+        let (api, device, surface) = (options.backend, options.device, window.surface());
         let mut open: Open = Box::new(move |size| {
             let canvas = Backend::open_in_window(api, &device, surface.clone(), size)?;
             let scene = canvas.open_beside(&device)?;
@@ -136,8 +136,10 @@ impl App<'_> {
             shell.report(Event::Problem { text });
         }
         (options.setup)(&mut shell, size)?;
-        let (id, scale) = (egui::ViewportId::ROOT, window.scale_factor() as f32);
-        let input = egui_winit::State::new(ctx, id, &window, Some(scale), window.theme(), None);
+        let input = window.with(|window| {
+            let (id, scale) = (egui::ViewportId::ROOT, window.scale_factor() as f32);
+            egui_winit::State::new(ctx, id, window, Some(scale), window.theme(), None)
+        });
         self.running = Some(Running {
             shell,
             recovery: Recovery::new(open),
@@ -175,23 +177,48 @@ impl App<'_> {
 
 impl ApplicationHandler<()> for App<'_> {
     fn resumed(&mut self, target: &ActiveEventLoop) {
-        if let Some(options) = self.options.take()
-            && let Err(error) = self.open(target, options)
-        {
-            self.end(target, Err(error));
-        }
+        own(|| {
+            if let Some(options) = self.options.take()
+                && let Err(error) = self.open(target, options)
+            {
+                self.end(target, Err(error));
+            }
+        });
     }
 
     fn user_event(&mut self, _: &ActiveEventLoop, (): ()) {
-        if let Some(running) = &mut self.running {
-            running.asked = true;
-        }
+        own(|| {
+            if let Some(running) = &mut self.running {
+                running.asked = true;
+            }
+        });
     }
 
     fn window_event(&mut self, target: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        own(|| self.take(target, event));
+    }
+
+    fn about_to_wait(&mut self, target: &ActiveEventLoop) {
+        own(|| self.turn(target));
+    }
+
+    fn exiting(&mut self, _: &ActiveEventLoop) {
+        own(|| {
+            if let Some(running) = self.running.take() {
+                let messages = running.close();
+                if let Ok(outcome) = &mut self.outcome {
+                    outcome.extend(messages);
+                }
+            }
+        });
+    }
+}
+
+impl App<'_> {
+    fn take(&mut self, target: &ActiveEventLoop, event: WindowEvent) {
         let Some(running) = &mut self.running else { return };
         // egui must get every event, because the panels depend on it.
-        running.asked |= running.input.on_window_event(&running.window, &event).repaint;
+        running.asked |= running.window.with(|window| running.input.on_window_event(window, &event).repaint);
         match event {
             WindowEvent::CloseRequested if running.may_close() => self.end(target, Ok(())),
             WindowEvent::CloseRequested => running.asked = true,
@@ -214,21 +241,6 @@ impl ApplicationHandler<()> for App<'_> {
         }
     }
 
-    fn about_to_wait(&mut self, target: &ActiveEventLoop) {
-        self.turn(target);
-    }
-
-    fn exiting(&mut self, _: &ActiveEventLoop) {
-        if let Some(running) = self.running.take() {
-            let messages = running.close();
-            if let Ok(outcome) = &mut self.outcome {
-                outcome.extend(messages);
-            }
-        }
-    }
-}
-
-impl App<'_> {
     fn turn(&mut self, target: &ActiveEventLoop) {
         let Some(running) = &mut self.running else { return };
         match running.turn() {

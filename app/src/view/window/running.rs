@@ -15,7 +15,6 @@ use egui::RawInput;
 use splatgraph_api::{BackendError, Pixels};
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 use winit::raw_window_handle::{HasDisplayHandle, RawDisplayHandle};
 use winit::window::{Fullscreen, Window};
@@ -49,7 +48,7 @@ pub struct Running {
     pub shell: Shell,
     pub recovery: Recovery,
     pub input: egui_winit::State,
-    pub window: Arc<Window>,
+    pub window: display::Handle,
     pub covered: bool,
     /// True for a minimised window, and the time of the last check. Polled: not every window system sends an event.
     pub minimised: (bool, Instant),
@@ -87,16 +86,11 @@ pub struct Closing {
 }
 
 impl Running {
-    /// Returns the size of the window's content, in pixels.
-    fn size(&self) -> (u32, u32) {
-        self.window.inner_size().into()
-    }
-
     fn shows_nothing(&mut self) -> bool {
         if self.minimised.1.elapsed() >= IDLE {
-            self.minimised = (self.window.is_minimized() == Some(true), Instant::now());
+            self.minimised = (self.window.with(Window::is_minimized) == Some(true), Instant::now());
         }
-        let (width, height) = self.size();
+        let (width, height) = self.window.size();
         // A screenshot does not need a visible window.
         let hidden = (self.covered || self.minimised.0) && self.closing.screenshot.is_none();
         hidden || width == 0 || height == 0
@@ -143,11 +137,13 @@ impl Running {
         if !self.shell.panels.vsync {
             return Duration::ZERO;
         }
-        let display = self.window.display_handle().ok().map(|display| display.as_raw());
-        let is_wayland = matches!(display, Some(RawDisplayHandle::Wayland(_)));
-        let display = self.window.current_monitor().filter(|_| is_wayland);
-        let rate = display.and_then(|display| display.refresh_rate_millihertz());
-        rate.map_or(Duration::ZERO, |rate| Duration::from_secs_f64(1e3 / f64::from(rate.max(1000))))
+        self.window.with(|window| {
+            let display = window.display_handle().ok().map(|display| display.as_raw());
+            let is_wayland = matches!(display, Some(RawDisplayHandle::Wayland(_)));
+            let display = window.current_monitor().filter(|_| is_wayland);
+            let rate = display.and_then(|display| display.refresh_rate_millihertz());
+            rate.map_or(Duration::ZERO, |rate| Duration::from_secs_f64(1e3 / f64::from(rate.max(1000))))
+        })
     }
 
     fn draw(&mut self) -> Result<bool> {
@@ -161,13 +157,17 @@ impl Running {
         while let Some(text) = self.editor.take_failure() {
             self.shell.report(Event::Problem { text });
         }
-        let input: RawInput = self.input.take_egui_input(&self.window);
+        let input: RawInput = self.window.with(|window| self.input.take_egui_input(window));
         let close = self.must_close()?;
         if close && let Some(path) = &self.closing.screenshot {
             self.save = Some(Some(path.clone()));
         }
-        let request =
-            FrameRequest { size: self.size(), present: true, read: self.save.is_some(), redraw: self.redraw };
+        let request = FrameRequest {
+            size: self.window.size(),
+            present: true,
+            read: self.save.is_some(),
+            redraw: self.redraw,
+        };
         let frame = self.recovery.frame(&mut self.shell, input, request)?;
         self.show_state()?;
         self.tell_failed_start();
@@ -176,7 +176,7 @@ impl Running {
             self.write_events(request.size, false);
             return Ok(false);
         };
-        self.input.handle_platform_output(&self.window, frame.platform);
+        self.window.with(|window| self.input.handle_platform_output(window, frame.platform));
         if let Some(pixels) = frame.picture
             && let Some(path) = self.save.take()
         {
@@ -260,7 +260,7 @@ impl Running {
             None => name,
         };
         if title != self.title {
-            self.window.set_title(&title);
+            self.window.with(|window| window.set_title(&title));
             self.title = title;
         }
         Ok(())
@@ -297,12 +297,14 @@ impl Running {
                 self.save_a = true;
             }
             Command::Fullscreen => {
-                let full = self.window.fullscreen().is_none();
-                self.window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
+                self.window.with(|window| {
+                    let full = window.fullscreen().is_none();
+                    window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
+                });
             }
             Command::Open(cameras) => {
                 let near = self.shell.viewer.scene_path();
-                if let Err(text) = self.open.ask(&self.window, near, cameras) {
+                if let Err(text) = self.window.with(|window| self.open.ask(window, near, cameras)) {
                     self.shell.report(Event::Problem { text });
                 }
             }
