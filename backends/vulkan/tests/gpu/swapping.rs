@@ -61,26 +61,6 @@ pub fn grow(vulkan: &mut Vulkan) -> u32 {
 }
 
 #[test]
-fn histories_go_on_in_the_next_plan_while_frames_of_the_one_before_are_in_flight() {
-    let mut vulkan = open_with(growing("slow", 1));
-    let slow = [submit(&mut vulkan), submit(&mut vulkan)];
-    load(&mut vulkan, growing("fast", 10));
-    let fast = [submit(&mut vulkan), submit(&mut vulkan), submit(&mut vulkan)];
-    load(&mut vulkan, growing("slow again", 1));
-    let again = [submit(&mut vulkan), submit(&mut vulkan)];
-    let values: Vec<_> =
-        [&slow[..], &fast, &again].concat().into_iter().map(|f| grown(&mut vulkan, f)).collect();
-    let expected = [("slow", 1), ("slow", 2), ("fast", 12), ("fast", 22), ("fast", 32)];
-    let expected = expected.into_iter().chain([("slow again", 33), ("slow again", 34)]);
-    assert_eq!(values, expected.map(|(name, value)| (name.to_string(), value)).collect::<Vec<_>>());
-    finish(vulkan);
-    // Barriers between plans are between submissions.
-    again_comparing_submissions(
-        "swapping::histories_go_on_in_the_next_plan_while_frames_of_the_one_before_are_in_flight",
-    );
-}
-
-#[test]
 fn a_plan_takes_over_equal_pipelines_of_the_plan_before_or_compiled_ahead_and_keeps_them_when_these_are_gone()
 {
     let mut vulkan = open();
