@@ -15,12 +15,8 @@ use egui::{Button, RichText, Slider, Ui};
 use splatgraph_assets::{Camera, Projection};
 use std::path::Path;
 
-enum Act {
-    Go,
-    Remove,
-    Up,
-    Down,
-}
+/// What a click on a list does, once the list is drawn.
+type Act = Option<Box<dyn FnOnce(&mut Viewer)>>;
 
 /// Draws the tool. The copied command line is that of the viewport `selected`.
 pub fn show(ui: &mut Ui, viewer: &mut Viewer, selected: RendererId) {
@@ -97,23 +93,19 @@ fn views(ui: &mut Ui, viewer: &mut Viewer) {
         write_button(ui, viewer, "views", |viewer| viewer.views.list());
         read_button(ui, CameraRole::Views, "Adds the cameras of a cameras.json");
     });
-    let mut act = None;
+    let mut act: Act = None;
     for (index, view) in viewer.views.list().iter().enumerate() {
         ui.horizontal(|ui| {
             let go = ui.add(Button::new(&view.img_name).truncate()).named(&format!("view:{index}"));
             if go.clicked() {
-                act = Some((index, Act::Go));
+                act = Some(Box::new(move |viewer| viewer.look_through_view(index)));
             }
             if ui.small_button("✗").hint("Remove this view").clicked() {
-                act = Some((index, Act::Remove));
+                act = Some(Box::new(move |viewer| viewer.views.remove(index)));
             }
         });
     }
-    match act {
-        Some((index, Act::Go)) => viewer.look_through_view(index),
-        Some((index, _)) => viewer.views.remove(index),
-        None => {}
-    }
+    act.into_iter().for_each(|act| act(viewer));
 }
 
 fn path(ui: &mut Ui, viewer: &mut Viewer) {
@@ -126,34 +118,28 @@ fn path(ui: &mut Ui, viewer: &mut Viewer) {
         read_button(ui, CameraRole::Path, "Replaces the keys by the cameras of a cameras.json");
     });
     let times = viewer.path.key_seconds();
-    let mut act = None;
+    let mut act: Act = None;
     let count = viewer.path.keys().len();
     for index in 0..count {
         ui.horizontal(|ui| {
             let seconds = times.get(index).copied().unwrap_or(0.0);
             let go = ui.button(format!("Keyframe {}", index + 1)).named(&format!("key:{index}"));
             if go.clicked() {
-                act = Some((index, Act::Go));
+                act = Some(Box::new(move |viewer| viewer.seek_path(seconds)));
             }
             ui.weak(format!("{seconds:.1} s"));
             if ui.add_enabled(index > 0, Button::new("↑")).hint("Earlier").clicked() {
-                act = Some((index, Act::Up));
+                act = Some(Box::new(move |viewer| viewer.path.reorder(index, index - 1)));
             }
             if ui.add_enabled(index + 1 < count, Button::new("↓")).hint("Later").clicked() {
-                act = Some((index, Act::Down));
+                act = Some(Box::new(move |viewer| viewer.path.reorder(index, index + 1)));
             }
             if ui.small_button("✗").hint("Remove this keyframe").clicked() {
-                act = Some((index, Act::Remove));
+                act = Some(Box::new(move |viewer| viewer.path.remove(index)));
             }
         });
     }
-    match act {
-        Some((index, Act::Go)) => viewer.seek_path(times.get(index).copied().unwrap_or(0.0)),
-        Some((index, Act::Up)) => viewer.path.reorder(index, index - 1),
-        Some((index, Act::Down)) => viewer.path.reorder(index, index + 1),
-        Some((index, Act::Remove)) => viewer.path.remove(index),
-        None => {}
-    }
+    act.into_iter().for_each(|act| act(viewer));
     if count < 2 {
         ui.weak("A path needs at least two keyframes.");
         return;

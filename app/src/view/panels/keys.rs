@@ -17,9 +17,8 @@ impl Panels {
                 continue;
             }
             match (key, modifiers.command) {
-                (Key::Z, true) if modifiers.shift => self.redo_now = true,
-                (Key::Z, true) => self.undo_now = true,
-                (Key::Y, true) => self.redo_now = true,
+                (Key::Z, true) => self.step(viewer, modifiers.shift),
+                (Key::Y, true) => self.step(viewer, true),
                 (Key::O, true) => request(ctx, Command::Open(None)),
                 (key, command) if self.select.key(key, command, viewer, self.selected) => {}
                 (_, true) => {}

@@ -127,8 +127,6 @@ pub struct Panels {
     toasts: hud::Toasts,
     log: VecDeque<String>,
     undo: undo::History,
-    undo_now: bool,
-    redo_now: bool,
     /// True if the program itself may have changed settings since the last frame. It then dropped or restored
     /// parameters, or loaded a scene, whose selected and hidden splats may have new indices.
     by_program: bool,
@@ -329,7 +327,7 @@ impl Panels {
         widgets::keep_focus(ui.ctx(), focused);
         widgets::focus_ring(ui.ctx());
         self.report_copy(ui.ctx());
-        self.step(ui.ctx(), viewer);
+        self.observe(ui.ctx(), viewer);
         if ui.ctx().zoom_factor() < LEAST_ZOOM {
             ui.set_zoom_factor(LEAST_ZOOM);
         }
@@ -381,15 +379,16 @@ impl Panels {
         median(self.frame_ms.iter().copied().collect()).filter(|ms| *ms > 0.0)
     }
 
-    /// Undoes or redoes a step if requested, and records the frame's changes.
-    fn step(&mut self, ctx: &Context, viewer: &mut Viewer) {
-        let undone = std::mem::take(&mut self.undo_now).then(|| self.undo.undo(viewer)).flatten();
-        let redone = std::mem::take(&mut self.redo_now).then(|| self.undo.redo(viewer)).flatten();
-        for (word, what) in [("Undone", undone), ("Redone", redone)] {
-            if let Some(what) = what {
-                self.toasts.done(format!("{word}: {what}"));
-            }
+    /// Undoes a step, or redoes one if `redo`.
+    fn step(&mut self, viewer: &mut Viewer, redo: bool) {
+        let what = if redo { self.undo.redo(viewer) } else { self.undo.undo(viewer) };
+        if let Some(what) = what {
+            self.toasts.done(format!("{}: {what}", if redo { "Redone" } else { "Undone" }));
         }
+    }
+
+    /// Records the frame's changes.
+    fn observe(&mut self, ctx: &Context, viewer: &mut Viewer) {
         // Record a drag as one step, when it ends.
         if !ctx.input(|input| input.pointer.any_down()) {
             self.undo.observe(Settings::of(viewer), std::mem::take(&mut self.by_program));

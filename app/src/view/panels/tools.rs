@@ -19,19 +19,12 @@ impl Panels {
         let empty = egui_tiles::Tree::empty(egui::Id::unique("no layout"));
         let mut tree = std::mem::replace(&mut self.layout.tree, empty);
         let picture = tree.tiles.find_pane(&Tool::Picture).unwrap_or(TileId::from_u64(0));
-        let (view, acts) = (Rect::NOTHING, Vec::new());
-        let mut tools = Tools { panels: self, viewer, window, view, resized: false, acts, picture };
+        let mut tools = Tools { panels: self, viewer, window, view: Rect::NOTHING, resized: false, picture };
         tree.ui(&mut tools, ui);
-        let Tools { view, resized, acts, .. } = tools;
+        let Tools { view, resized, .. } = tools;
         self.layout.tree = tree;
         if resized {
             self.layout.remember_lengths();
-        }
-        for (tool, act) in acts {
-            match act {
-                Act::Close => self.layout.set_open(tool, false),
-                Act::Float => self.layout.undock(tool),
-            }
         }
         view
     }
@@ -122,11 +115,6 @@ fn scrolled(ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
     });
 }
 
-enum Act {
-    Close,
-    Float,
-}
-
 struct Tools<'a> {
     panels: &'a mut Panels,
     viewer: &'a mut Viewer,
@@ -135,7 +123,6 @@ struct Tools<'a> {
     view: Rect,
     /// True if the user dragged a border in this frame.
     resized: bool,
-    acts: Vec<(Tool, Act)>,
     picture: TileId,
 }
 
@@ -164,7 +151,7 @@ impl egui_tiles::Behavior<Tool> for Tools<'_> {
 
     fn on_tab_close(&mut self, tiles: &mut Tiles<Tool>, id: TileId) -> bool {
         if let Some(tool) = tiles.get_pane(&id) {
-            self.acts.push((*tool, Act::Close));
+            self.panels.layout.set_open(*tool, false);
         }
         // Keep the tile, so that the tool reopens at the same place.
         false
@@ -181,7 +168,7 @@ impl egui_tiles::Behavior<Tool> for Tools<'_> {
         let Some(tool) = tabs.active.and_then(|id| tiles.get_pane(&id)).copied() else { return };
         let float = ui.add(egui::Button::new("↗").frame(false));
         if float.hint("Undock: the tool floats over the picture").clicked() {
-            self.acts.push((tool, Act::Float));
+            self.panels.layout.undock(tool);
         }
     }
 

@@ -68,17 +68,18 @@ impl Panels {
             self.camera_list(ui, viewer);
             self.graph_list(ui, viewer);
             widgets::divider(ui);
-            for (name, mode) in [("A", Mode::A), ("A | B", Mode::Split), ("A − B", Mode::Difference)] {
-                let response = ui.selectable_value(&mut compare, mode, name);
-                let (control, about) = match mode {
-                    Mode::A => ("compare:off", "Show A alone"),
-                    Mode::Split => ("compare:split", "A and B side by side; drag the line between them"),
-                    Mode::Difference => ("compare:difference", "The amplified difference of A and B"),
-                };
-                response.named(control).hint(about);
+            for (name, mode, control, about) in [
+                ("A", Mode::A, "compare:off", "Show A alone"),
+                ("A | B", Mode::Split, "compare:split", "A and B side by side; drag the line between them"),
+                ("A − B", Mode::Difference, "compare:difference", "The amplified difference of A and B"),
+            ] {
+                ui.selectable_value(&mut compare, mode, name).named(control).hint(about);
             }
-            if compare != Mode::A {
-                self.comparison_controls(ui, viewer, compare);
+            if compare != viewer.compare {
+                viewer.choose_compare(compare);
+            }
+            if viewer.compare != Mode::A {
+                self.comparison_controls(ui, viewer);
             }
             widgets::divider(ui);
             self.tool_toggles(ui);
@@ -93,9 +94,6 @@ impl Panels {
                 self.readout(&mut rest, viewer);
             }
         });
-        if compare != viewer.compare {
-            viewer.choose_compare(compare);
-        }
     }
 
     fn scene_list(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
@@ -172,7 +170,7 @@ impl Panels {
         }
     }
 
-    fn comparison_controls(&mut self, ui: &mut Ui, viewer: &mut Viewer, compare: Mode) {
+    fn comparison_controls(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
         widgets::divider(ui);
         ui.weak("edit");
         for (name, id) in [("A", RendererId::A), ("B", RendererId::B)] {
@@ -188,7 +186,7 @@ impl Panels {
             viewer.measure();
             self.marked = false;
         }
-        if compare == Mode::Difference {
+        if viewer.compare == Mode::Difference {
             let field = NumberField::new("gain", "Amplification", 0.0..=65_536.0);
             let field = NumberField { speed: 0.1, prefix: "x ", ..field };
             let (response, gain) = field.show(ui, viewer.gain.into());
@@ -216,10 +214,14 @@ impl Panels {
                 ui.close();
             }
             ui.horizontal(|ui| {
-                let undo = ui.add_enabled(self.undo.can_undo(), Button::new("Undo")).named("undo");
-                self.undo_now |= undo.clicked();
-                let redo = ui.add_enabled(self.undo.can_redo(), Button::new("Redo")).named("redo");
-                self.redo_now |= redo.clicked();
+                for (name, text, redo, enabled) in [
+                    ("undo", "Undo", false, self.undo.can_undo()),
+                    ("redo", "Redo", true, self.undo.can_redo()),
+                ] {
+                    if ui.add_enabled(enabled, Button::new(text)).named(name).clicked() {
+                        self.step(viewer, redo);
+                    }
+                }
             });
             ui.horizontal(|ui| {
                 if ui.button("Fit the scene (F)").named("fit").clicked() {
