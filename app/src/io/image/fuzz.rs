@@ -89,7 +89,8 @@ fn png(color: ::png::ColorType, depth: ::png::BitDepth, bytes: &[u8]) -> Vec<u8>
     out
 }
 
-fn npy(dtype: &str, order: &str, shape: &str, bytes: usize) -> Vec<u8> {
+/// Makes an array of a type, an order and a shape, with this many bytes after its header.
+pub(super) fn npy(dtype: &str, order: &str, shape: &str, bytes: usize) -> Vec<u8> {
     let header = format!("{{'descr': '{dtype}', 'fortran_order': {order}, 'shape': {shape}, }}");
     let mut out = b"\x93NUMPY\x01\x00".to_vec();
     let padded = (header.len() + 11).next_multiple_of(64) - 10;
@@ -99,7 +100,8 @@ fn npy(dtype: &str, order: &str, shape: &str, bytes: usize) -> Vec<u8> {
     out
 }
 
-fn zipped(npy: &[u8], method: zip::CompressionMethod) -> Vec<u8> {
+/// Makes an archive with one array, `b`.
+pub(super) fn zipped(npy: &[u8], method: zip::CompressionMethod) -> Vec<u8> {
     let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
     let options = zip::write::SimpleFileOptions::default().compression_method(method);
     archive.start_file("b.npy", options).expect("a member");

@@ -237,6 +237,7 @@ fn pixels<R: Read, T: npyz::Deserialize>(
 
 #[cfg(test)]
 mod tests {
+    use super::super::fuzz;
     use super::*;
 
     fn load(path: &Path) -> Result<Image, ImageError> {
@@ -281,27 +282,17 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.npy");
         let side = 1u64 << 32;
-        let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({side}, {side}), }}");
-        let start = [&b"\x93NUMPY\x01\x00\x76\x00"[..], format!("{header:<117}\n").as_bytes()].concat();
-        std::fs::write(&path, start).unwrap();
+        std::fs::write(&path, fuzz::npy("<f4", "False", &format!("({side}, {side})"), 0)).unwrap();
         assert!(!is_whole(&path).unwrap());
     }
 
     #[test]
     fn an_array_of_an_archive_that_promises_more_pixels_than_are_allowed_is_refused_from_its_header() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("bomb.npz");
-        let mut npz = zip::ZipWriter::new(File::create(&path).unwrap());
-        npz.start_file("a.npy", zip::write::SimpleFileOptions::default()).unwrap();
-        let mut header =
-            "{'descr': '<f4', 'fortran_order': False, 'shape': (1000000, 1000000, 3), }".to_owned();
-        header += &" ".repeat(117 - header.len());
-        npz.write_all(b"\x93NUMPY\x01\x00\x76\x00").unwrap();
-        npz.write_all(header.as_bytes()).unwrap();
-        npz.write_all(b"\n").unwrap();
-        npz.write_all(&vec![0; 1 << 20]).unwrap();
-        npz.finish().unwrap();
-        let path = folder.path().join("bomb.npz#a");
+        let npy = fuzz::npy("<f4", "False", "(1000000, 1000000, 3)", 1 << 20);
+        let npz = fuzz::zipped(&npy, zip::CompressionMethod::Stored);
+        std::fs::write(folder.path().join("bomb.npz"), npz).unwrap();
+        let path = folder.path().join("bomb.npz#b");
         for error in [load(&path).unwrap_err(), Image::header(&path).unwrap_err()] {
             assert!(error.to_string().contains("found 1000000 x 1000000"), "{error}");
         }
