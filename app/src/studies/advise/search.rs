@@ -269,6 +269,7 @@ fn is_better(other: &Tried, defaults: &Tried, budget: &Budget) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numbers::Random;
 
     fn tried(name: &str, set: [&str; 2], psnr_db: f64, ms: f64) -> Tried {
         noisy(name, set, psnr_db, ms, 0.001)
@@ -362,11 +363,8 @@ mod tests {
             ("cutoff = 1", "4", 46.0, 0.42),
             ("both", "5", 45.5, 0.40),
         ];
-        let mut state = seed;
-        let mut noise = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            1.0 + NOISE * ((state >> 40) as f64 / f64::from(1 << 23) - 1.0)
-        };
+        let mut random = Random(seed);
+        let mut noise = || 1.0 + NOISE * ((random.next() >> 40) as f64 / f64::from(1 << 23) - 1.0);
         let measure = |(name, value, psnr, share): (&str, &str, f64, f64)| {
             let rounds: Vec<f64> = (0..ROUNDS).map(|_| share * noise()).collect();
             let share = if name == EXACT { Some(Share::EXACT) } else { Share::of(&rounds) };

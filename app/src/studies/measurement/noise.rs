@@ -210,6 +210,7 @@ pub fn front(points: &[Point]) -> Vec<Mark> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numbers::Random;
 
     fn share(median: f64, half: f64) -> Option<Share> {
         Some(Share { median, range: Some((median - half, median + half)) })
@@ -228,11 +229,8 @@ mod tests {
         // By the normal approximation, 2,000 - 2.576 * sqrt(4,000) / 2 = 1,918.5.
         assert!((1916..=1919).contains(&outside(4000).expect("a range")), "{:?}", outside(4000));
         // Turns with a median of 1 and one-sided noise, as on a busy machine.
-        let mut state = 1u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-        };
+        let mut numbers = Random(1);
+        let mut random = || (numbers.next() >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
         let missed = (0..4000).filter(|_| {
             let turns: Vec<f64> =
                 (0..16).map(|_| random()).map(|v| 1.0 + if v > 0.0 { v } else { 0.1 * v }).collect();
