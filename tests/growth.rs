@@ -9,6 +9,8 @@ use std::fs;
 
 const GRAPH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/growing/graph.ron");
 
+const SUMS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/growing/sums.ron");
+
 fn white(image: &Image) -> usize {
     image.rgb.iter().filter(|pixel| **pixel == [1.0; 3]).count()
 }
@@ -33,6 +35,37 @@ fn every_frame_of_a_session_is_whole_also_those_in_flight() {
     }
     assert_eq!(session.growths(), 2);
     images::close(session, GRAPH);
+}
+
+#[test]
+fn a_frame_that_is_drawn_again_is_in_a_history_once_and_one_that_cannot_be_drawn_is_not() {
+    let scene = synth::generate("demo", 10, 0).expect("a scene");
+    let camera = Camera::framing(&scene, 61, 33);
+    let mut session = images::session(scene, SUMS, &[]);
+    let request = FrameOptions { read_output: true, ..FrameOptions::default() };
+    // The word's history continues with another size, and the image's starts anew.
+    let mut total = 0;
+    for size in [(61, 33), (80, 60), (64, 40)] {
+        let camera = camera.resized(size.0, size.1);
+        session.prepare(size, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
+        // More frames than a device has in flight.
+        let frames = [(); 3].map(|()| session.submit(&camera, &request).expect("submitted"));
+        for (frame, shade) in frames.into_iter().zip([0.25, 0.5, 0.75]) {
+            let result = match (session.wait(frame), size) {
+                (Err(error), (80, 60)) => {
+                    assert!(error.to_string().contains("found one that needs 4800"), "{error}");
+                    continue;
+                }
+                (result, _) => result.unwrap_or_else(|error| panic!("{error}")),
+            };
+            total += size.0 * size.1;
+            assert_eq!(result.stats[1], ("total".to_owned(), total), "{size:?}");
+            let image = image_of(&result.output.expect("asked for")).expect("colours");
+            assert!(image.rgb.iter().all(|pixel| *pixel == [shade; 3]), "{size:?}: {:?}", image.rgb[0]);
+        }
+    }
+    assert_eq!(session.growths(), 2);
+    images::close(session, SUMS);
 }
 
 #[test]

@@ -288,6 +288,10 @@ impl splatgraph_api::Loader for Loader {
         wrapped!(self, Loader => Loader, loader => loader.clearing_histories())
     }
 
+    fn restoring_histories(self) -> Self {
+        wrapped!(self, Loader => Loader, loader => loader.restoring_histories())
+    }
+
     fn compile(self, plan: Plan) -> Result<Compiled, BackendError> {
         match self {
             Loader::Vulkan(loader) => loader.compile(plan),

@@ -191,6 +191,9 @@ pub struct FrameInputs {
     pub inspect: Vec<Inspect>,
     /// Omits the passes' timestamps, which cost time. The timestamps of the whole frame stay.
     pub untimed_passes: bool,
+    /// Copies the histories before the frame's passes change them; see [`Loader::restoring_histories`]. The copies take
+    /// time, and as much device memory as the histories.
+    pub save_histories: bool,
 }
 
 /// The contents of a host buffer for one frame.
@@ -380,6 +383,11 @@ pub trait Loader: Send + 'static {
     /// Lets the plan's histories begin with zeros, instead of the contents in the current plan.
     #[must_use]
     fn clearing_histories(self) -> Self;
+
+    /// Lets the plan's histories begin with the contents from before the current plan's last frame with
+    /// [`FrameInputs::save_histories`], or with zeros if it had none. The frame can then be repeated with another plan.
+    #[must_use]
+    fn restoring_histories(self) -> Self;
 
     /// Creates only a plan's pipelines. While the result is kept, plans with equal pipelines are prepared faster:
     /// Vulkan reuses the pipelines, and on Metal the system has already compiled their shaders.

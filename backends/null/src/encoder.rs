@@ -212,6 +212,15 @@ impl splatgraph_runtime::Encoder<NullGpu> for Encoder {
         self.call(Call::CopyImage { image, target });
     }
 
+    fn copy_to_image(&mut self, image: &Image<NullGpu>, target: &Image<NullGpu>) {
+        if (image.format, image.size) != (target.format, target.size) {
+            let message = format!("`{}` is copied to an image of another shape", image.raw.name);
+            self.owned.journal.messages().add(message);
+        }
+        let (image, target) = (self.image(image), self.image(target));
+        self.call(Call::CopyToImage { image, target });
+    }
+
     fn reset_timestamps(&mut self, timestamps: &Timestamps, count: u32) {
         let mut ticks = lock(&timestamps.ticks);
         ticks[..count as usize].fill(None);

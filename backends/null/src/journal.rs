@@ -108,6 +108,10 @@ pub enum Call {
         image: String,
         target: String,
     },
+    CopyToImage {
+        image: String,
+        target: String,
+    },
     ResetTimestamps {
         count: u32,
     },

@@ -3,14 +3,14 @@
 //! It is created on any thread ([`CompiledPlan::new`]) while frames of another plan are drawn. It becomes the current
 //! plan when it [follows](CompiledPlan::follow) the previous one. Only then are the previous plan's histories known.
 
-use crate::aliasing::Transient;
+use crate::aliasing::{self, Transient};
 use crate::attributes::{self, PlaneKey};
 use crate::bindings::Bindings;
 use crate::check;
 use crate::gpu::{Buffer, Gpu, Location, Memory};
 use crate::history::{self, History};
 use crate::once::UsedOnce;
-use crate::resources::Resources;
+use crate::resources::{Resources, member};
 use crate::results::{self, Recipe, Recipes};
 use crate::shared::Shared;
 use crate::timing::queries;
@@ -38,6 +38,9 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     pub layouts: Vec<Layout>,
     /// Resources that continue a previous plan's history, until the first frame is submitted.
     pub carried: Vec<ResourceId>,
+    /// Copies of the histories that the plan can continue, made before its last frame that saved them. Empty before the
+    /// first such frame.
+    pub saved: Vec<(ResourceId, Transient<G>)>,
     recipes: Recipes,
     /// Prologue passes that do not run: their results were reused from another plan, or only such passes use them.
     skipped: Vec<PassId>,
@@ -101,6 +104,7 @@ impl<G: Gpu> CompiledPlan<G> {
             identity,
             layouts: vec![Layout::Undefined; plan.resources.len()],
             carried: Vec::new(),
+            saved: Vec::new(),
             recipes,
             skipped,
             used_once: once.freed,
@@ -140,16 +144,33 @@ impl<G: Gpu> CompiledPlan<G> {
     pub fn histories(&self) -> Vec<History<G>> {
         // Before the first frame, only histories carried over from the previous plan have contents.
         let full = self.ids().filter(|id| !self.prologue_due || self.carried.contains(id));
-        let history = |id: ResourceId| {
-            Some(History {
-                name: history::name(&self.plan, id)?.to_string(),
-                shape: self.plan.resource(id).shape,
-                identity: self.identity,
-                layout: self.layouts[id.index()],
-                transient: self.resources.transient(id)?.clone(),
-            })
-        };
-        full.filter_map(history).collect()
+        let current =
+            |id: ResourceId| Some((self.layouts[id.index()], self.resources.transient(id)?.clone()));
+        full.filter_map(|id| self.history(id, current(id)?)).collect()
+    }
+
+    /// Lists the histories as they were before the last frame that saved them.
+    pub fn saved_histories(&self) -> Vec<History<G>> {
+        let saved = self.saved.iter();
+        saved.filter_map(|(id, copy)| self.history(*id, (Layout::TransferTarget, copy.clone()))).collect()
+    }
+
+    fn history(&self, id: ResourceId, (layout, transient): (Layout, Transient<G>)) -> Option<History<G>> {
+        let (name, shape) = (history::name(&self.plan, id)?.to_string(), self.plan.resource(id).shape);
+        Some(History { name, shape, identity: self.identity, layout, transient })
+    }
+
+    /// Creates the copies of histories into which frames save them, unless they exist.
+    pub fn make_saved(&mut self, gpu: &Arc<G>) -> Result<(), BackendError> {
+        if self.saved.is_empty() {
+            let mut saved = Vec::new();
+            for id in self.ids().filter(|id| history::continued(&self.plan, *id).is_some()) {
+                let copy = aliasing::create_block(gpu, &[member(self.plan.resource(id))])?;
+                saved.extend(copy.into_iter().map(|copy| (id, copy)));
+            }
+            self.saved = saved;
+        }
+        Ok(())
     }
 
     pub fn prologue(&self) -> &[PassId] {
@@ -204,7 +225,8 @@ impl<G: Gpu> CompiledPlan<G> {
 
     /// Iterates over the plan's memory allocations. Shared ones appear more than once.
     pub fn pieces(&self) -> impl Iterator<Item = &Arc<G::Memory>> {
-        self.resources.pieces().chain(self.readbacks.iter().map(|buffer| &buffer.memory))
+        let saved = self.saved.iter().map(|(_, copy)| copy.memory());
+        self.resources.pieces().chain(self.readbacks.iter().map(|buffer| &buffer.memory)).chain(saved)
     }
 
     pub fn memory(&self) -> Vec<(String, u64)> {
@@ -212,6 +234,10 @@ impl<G: Gpu> CompiledPlan<G> {
         let readback: u64 = self.readbacks.iter().map(|buffer| buffer.memory.bytes()).sum();
         if readback > 0 {
             memory.push(("output readback".to_string(), readback));
+        }
+        let saved: u64 = self.saved.iter().map(|(_, copy)| copy.memory().bytes()).sum();
+        if saved > 0 {
+            memory.push(("saved histories".to_string(), saved));
         }
         memory
     }

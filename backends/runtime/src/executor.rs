@@ -4,6 +4,7 @@ use crate::check::invalid;
 use crate::compiled::CompiledPlan;
 use crate::frame::{Frame, Pending, Slot};
 use crate::gpu::{Gpu, Memory, Window};
+use crate::history::Start;
 use crate::loader::{Loader, Ready};
 use crate::outputs::SharedOutput;
 use crate::shared::Shared;
@@ -238,7 +239,7 @@ impl<G: Gpu> Device for Executor<G> {
             executor: self.id,
             cancel: Cancel::default(),
             share_results: false,
-            clears_histories: false,
+            histories: Start::Current,
             synchronization: None,
         }
     }
@@ -247,12 +248,15 @@ impl<G: Gpu> Device for Executor<G> {
     /// current when the loader was taken.
     fn swap(&mut self, ready: Ready<G>) -> Result<(), BackendError> {
         self.shared.check_lost()?;
-        let Ready { mut compiled, clears_histories, executor } = ready;
+        let Ready { mut compiled, histories, executor } = ready;
         if executor != self.id {
             return invalid(format!("`{}` was prepared for another executor", compiled.plan.name));
         }
-        let former = self.compiled.as_ref().filter(|_| !clears_histories);
-        let histories = former.map(CompiledPlan::histories).unwrap_or_default();
+        let histories = match (histories, &self.compiled) {
+            (Start::Current, Some(former)) => former.histories(),
+            (Start::Saved, Some(former)) => former.saved_histories(),
+            (Start::Zeros, _) | (_, None) => Vec::new(),
+        };
         compiled.follow(&self.shared.gpu, self.plans, &histories);
         self.plans += 1;
         // Frames of the replaced plan may still be running.

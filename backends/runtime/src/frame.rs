@@ -69,6 +69,9 @@ impl<G: Gpu> Slot<G> {
         inputs::write_uniforms(compiled, slot, inputs)?;
         inputs::take_host_buffers(shared, compiled, slot, inputs)?;
         let readback = inputs.read_output.then(|| compiled.free_readback(gpu)).transpose()?;
+        if inputs.save_histories {
+            compiled.make_saved(gpu)?;
+        }
         let inspected = inspect::buffers(gpu, compiled, slot, &inputs.inspect)?;
         let recorder = Recorder {
             encoder: &mut self.encoder,

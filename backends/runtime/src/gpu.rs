@@ -569,6 +569,9 @@ pub trait Encoder<G: Gpu>: Sized + Send + 'static {
     /// Copies an image in [`Layout::TransferSource`] to the start of a buffer, rows tightly packed.
     fn copy_image(&mut self, image: &Image<G>, target: &Buffer<G>);
 
+    /// Copies an image in [`Layout::TransferSource`] to one of equal format and size in [`Layout::TransferTarget`].
+    fn copy_to_image(&mut self, image: &Image<G>, target: &Image<G>);
+
     /// Resets the first `count` timestamps.
     fn reset_timestamps(&mut self, timestamps: &G::Timestamps, count: u32);
 

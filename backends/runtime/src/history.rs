@@ -13,6 +13,16 @@ use crate::gpu::Gpu;
 use crate::usage::usage;
 use splatgraph_framework::{ir::*, plan::*};
 
+/// Selects the contents with which the histories of a plan start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Start {
+    /// Those in the current plan.
+    Current,
+    /// Those before the current plan's last frame with [`splatgraph_api::FrameInputs::save_histories`].
+    Saved,
+    Zeros,
+}
+
 pub(crate) struct History<G: Gpu> {
     pub name: String,
     pub shape: Shape,
@@ -29,15 +39,8 @@ pub(crate) fn name(plan: &Plan, id: ResourceId) -> Option<&str> {
     resource.history.as_deref().filter(|_| alone)
 }
 
-/// Finds the history in `former`, the previous plan's histories, that resource `id` of `plan` continues, if any.
-pub(crate) fn find<'a, G: Gpu>(
-    plan: &Plan,
-    id: ResourceId,
-    identity: u64,
-    former: &'a [History<G>],
-) -> Option<&'a History<G>> {
-    let name = name(plan, id)?;
-    let resource = plan.resource(id);
+/// Returns the name of a history that the plan can continue; `None` for other resources.
+pub(crate) fn continued(plan: &Plan, id: ResourceId) -> Option<&str> {
     // Without a pass that clears it, the plan does not treat it as a history. If another prologue pass writes it, its
     // contents start anew.
     let prologue = || plan.prologue.iter().map(|pass| plan.pass(*pass));
@@ -45,13 +48,24 @@ pub(crate) fn find<'a, G: Gpu>(
     let writes = |pass: &Pass| pass.uses.iter().any(|t| t.resource == id && t.accesses.writes());
     let starts = prologue().any(|pass| pass.work == start)
         && !prologue().any(|pass| pass.work != start && writes(pass));
+    name(plan, id).filter(|_| starts)
+}
+
+/// Finds the history in `former`, the previous plan's histories, that resource `id` of `plan` continues, if any.
+pub(crate) fn find<'a, G: Gpu>(
+    plan: &Plan,
+    id: ResourceId,
+    identity: u64,
+    former: &'a [History<G>],
+) -> Option<&'a History<G>> {
+    let name = continued(plan, id)?;
+    let resource = plan.resource(id);
     former.iter().find(|history| {
         let made_for = match &history.transient {
             Transient::Buffer(buffer) => buffer.usage,
             Transient::Image(image) => image.usage,
         };
-        starts
-            && made_for.contains(usage(resource))
+        made_for.contains(usage(resource))
             && history.name == name
             && history.shape == resource.shape
             && history.identity == identity

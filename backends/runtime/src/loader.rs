@@ -7,6 +7,7 @@
 use crate::check;
 use crate::compiled::CompiledPlan;
 use crate::gpu::Gpu;
+use crate::history::Start;
 use crate::shared::Shared;
 use splatgraph_api::{BackendError, Compiled, Progress, SceneData};
 use splatgraph_framework::plan::Plan;
@@ -20,7 +21,7 @@ pub struct Loader<G: Gpu> {
     pub(crate) executor: u64,
     pub(crate) cancel: Cancel,
     pub(crate) share_results: bool,
-    pub(crate) clears_histories: bool,
+    pub(crate) histories: Start,
     pub(crate) synchronization: Option<G::Synchronization>,
 }
 
@@ -36,7 +37,7 @@ impl<G: Gpu> Loader<G> {
 /// loader came from. Dropping it unused frees its objects, on any thread.
 pub struct Ready<G: Gpu> {
     pub(crate) compiled: CompiledPlan<G>,
-    pub(crate) clears_histories: bool,
+    pub(crate) histories: Start,
     pub(crate) executor: u64,
 }
 
@@ -52,7 +53,11 @@ impl<G: Gpu> splatgraph_api::Loader for Loader<G> {
     }
 
     fn clearing_histories(self) -> Self {
-        Loader { clears_histories: true, ..self }
+        Loader { histories: Start::Zeros, ..self }
+    }
+
+    fn restoring_histories(self) -> Self {
+        Loader { histories: Start::Saved, ..self }
     }
 
     fn compile(self, plan: Plan) -> Result<Compiled, BackendError> {
@@ -71,10 +76,10 @@ impl<G: Gpu> splatgraph_api::Loader for Loader<G> {
     ) -> Result<Ready<G>, BackendError> {
         self.shared.check_lost()?;
         self.shared.drop_abandoned();
-        let Loader { shared, executor, cancel, share_results, clears_histories, synchronization } = self;
+        let Loader { shared, executor, cancel, share_results, histories, synchronization } = self;
         let options = (&cancel, share_results, synchronization);
         let compiled = CompiledPlan::new(&shared, plan, scene, options, progress)
             .map_err(|error| shared.losing(error, || None))?;
-        Ok(Ready { compiled, clears_histories, executor })
+        Ok(Ready { compiled, histories, executor })
     }
 }

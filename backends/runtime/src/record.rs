@@ -2,8 +2,9 @@
 //!
 //! Between the passes come only the commands lowered from the plan's dependencies. The runtime adds barriers only
 //! around its own work: at the start of a plan that continues another's histories or reuses its results, around copies
-//! of inspected resources and shared outputs, and before the host reads copies.
+//! of histories, inspected resources and shared outputs, and before the host reads copies.
 
+use crate::aliasing::Transient;
 use crate::compiled::CompiledPlan;
 use crate::gpu::{Buffer, Draw, Encoder, Gpu, ImageLayout};
 use crate::outputs::SharedOutput;
@@ -47,6 +48,7 @@ impl<G: Gpu> Recorder<'_, G> {
         if compiled.prologue_due {
             self.synchronize(None, &mut recorded.layouts);
         }
+        self.save_histories(&recorded.layouts);
         for pass in &compiled.plan.frame {
             self.pass(*pass, &mut recorded);
         }
@@ -76,6 +78,39 @@ impl<G: Gpu> Recorder<'_, G> {
         for id in carried {
             layouts[id.index()] = new;
         }
+    }
+
+    /// Copies the histories for [`CompiledPlan::saved`], if the frame asks for it. The copies of images end in
+    /// [`Layout::TransferTarget`].
+    fn save_histories(&mut self, layouts: &[Layout]) {
+        let compiled = self.compiled;
+        if !self.inputs.save_histories || compiled.saved.is_empty() {
+            return;
+        }
+        self.encoder.push_label(format_args!("save histories"));
+        let images = || {
+            compiled.saved.iter().filter_map(|(id, copy)| match copy {
+                Transient::Image(copy) => Some((compiled.resources.image(*id)?, copy, layouts[id.index()])),
+                Transient::Buffer(_) => None,
+            })
+        };
+        let (source, target) = (Layout::TransferSource, Layout::TransferTarget);
+        self.encoder.full_barrier(images().flat_map(|(image, copy, old)| {
+            [
+                ImageLayout { image, old, new: source },
+                ImageLayout { image: copy, old: Layout::Undefined, new: target },
+            ]
+        }));
+        for (id, copy) in &compiled.saved {
+            if let Transient::Buffer(copy) = copy {
+                let buffer = compiled.resources.buffer(*id, self.slot);
+                self.encoder.copy_buffer((buffer, 0), (copy, 0), copy.bytes);
+            }
+        }
+        images().for_each(|(image, copy, _)| self.encoder.copy_to_image(image, copy));
+        let back = |(image, _, new)| ImageLayout { image, old: source, new };
+        self.encoder.full_barrier(images().map(back));
+        self.encoder.pop_label();
     }
 
     fn pass(&mut self, id: PassId, recorded: &mut Recorded) {

@@ -226,18 +226,25 @@ fn transients<G: Gpu>(
         let mut members = Vec::new();
         for &id in &block.aliases {
             let resource = plan.resource(id);
-            let (name, usage) = (resource.name.as_str(), usage(resource));
-            members.push(match resource.shape {
-                Shape::Image { format, width, height } => {
-                    check_format(gpu, plan, id, format)?;
-                    Member::Image(ImageDesc { name, format, size: (width, height), usage })
-                }
-                Shape::Buffer { .. } => Member::Buffer(BufferDesc { name, bytes: resource.bytes(), usage }),
-            });
+            if let Shape::Image { format, .. } = resource.shape {
+                check_format(gpu, plan, id, format)?;
+            }
+            members.push(member(resource));
         }
         all.extend(block.aliases.iter().copied().zip(aliasing::create_block(gpu, &members)?));
     }
     Ok(all)
+}
+
+/// Describes a transient resource to create.
+pub(crate) fn member(resource: &Resource) -> Member<'_> {
+    let (name, usage) = (resource.name.as_str(), usage(resource));
+    match resource.shape {
+        Shape::Image { format, width, height } => {
+            Member::Image(ImageDesc { name, format, size: (width, height), usage })
+        }
+        Shape::Buffer { .. } => Member::Buffer(BufferDesc { name, bytes: resource.bytes(), usage }),
+    }
 }
 
 fn check_format<G: Gpu>(

@@ -268,6 +268,25 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
         }
     }
 
+    fn copy_to_image(&mut self, image: &Image<VulkanGpu>, target: &Image<VulkanGpu>) {
+        let (width, height) = image.size;
+        let layer = vk::ImageSubresourceLayers { aspect_mask: lower::aspect(image.format), ..LAYER };
+        let extent = vk::Extent3D { width, height, depth: 1 };
+        let region = [vk::ImageCopy::default().src_subresource(layer).dst_subresource(layer).extent(extent)];
+        let layouts = [vk::ImageLayout::TRANSFER_SRC_OPTIMAL, vk::ImageLayout::TRANSFER_DST_OPTIMAL];
+        // SAFETY: both images are alive, of one format and size, allow the copy, and are in these layouts.
+        unsafe {
+            self.gpu.device.cmd_copy_image(
+                self.commands,
+                *image.raw.raw,
+                layouts[0],
+                *target.raw.raw,
+                layouts[1],
+                &region,
+            );
+        }
+    }
+
     fn reset_timestamps(&mut self, timestamps: &Owned<vk::QueryPool>, count: u32) {
         // SAFETY: the frame that last used this pool is done, and the pool has this many queries.
         unsafe { self.gpu.device.reset_query_pool(**timestamps, 0, count) };

@@ -36,14 +36,27 @@ impl Session {
     /// The camera is in the scene's coordinates. [`Camera::relative_to`] with the scene's
     /// [`offset`](splatgraph_assets::Scene::offset) converts the cameras of files, which are in the world's.
     ///
+    /// If the graph has growing lists and histories, first waits for the frames in flight and repeats incomplete ones.
+    /// [`Session::wait`] returns their results and errors.
+    ///
     /// # Errors
     /// The camera has another size than the prepared one or another projection than the graph, no plan is prepared, or
     /// the device fails.
     pub fn submit(&mut self, camera: &Camera, request: &FrameOptions) -> Result<FrameId, SessionError> {
+        // The histories are saved before one frame only: the last.
+        if self.plan().is_some_and(saves_histories) {
+            for id in self.flying.iter().map(|flight| flight.id).collect::<Vec<_>>() {
+                let result = self.finish(id);
+                self.finished.insert(id, result);
+                if self.finished.len() > MAX_FLYING {
+                    self.finished.pop_first();
+                }
+            }
+        }
         let flight = self.fly(camera.clone(), request.clone(), self.frame)?;
         self.frame += 1;
         let id = flight.id;
-        if flight.plan.params.iter().any(|param| param.grows.is_some()) {
+        if can_grow(&flight.plan) {
             let old = (self.flying.len() + 1).saturating_sub(MAX_FLYING);
             self.flying.drain(..old);
             self.flying.push(flight);
@@ -64,6 +77,7 @@ impl Session {
             read_output: request.read_output,
             inspect: request.inspect.clone(),
             untimed_passes: request.untimed_passes,
+            save_histories: saves_histories(plan),
             ..FrameInputs::default()
         };
         let begun = Instant::now();
@@ -72,7 +86,8 @@ impl Session {
         Ok(Flight { id, camera, request, number, plan: plan.clone(), growths: self.growths })
     }
 
-    /// Waits for a frame and returns its results, drawn with the current plan.
+    /// Waits for a frame and returns its results, drawn with the current plan if at most
+    /// [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames are in flight.
     ///
     /// Repeats an incomplete frame with more capacity; see the [module documentation](self). Wait for all frames before
     /// you prepare another size.
@@ -82,6 +97,13 @@ impl Session {
     /// - The frame needs more capacity than a parameter's range or the device allows. The plan stays unchanged.
     /// - The frame must be repeated, but the larger plan lacks an inspected resource or pass.
     pub fn wait(&mut self, frame: FrameId) -> Result<FrameResult, SessionError> {
+        match self.finished.remove(&frame) {
+            Some(result) => result,
+            None => self.finish(frame),
+        }
+    }
+
+    fn finish(&mut self, frame: FrameId) -> Result<FrameResult, SessionError> {
         let flight = self.flying.iter().find(|flight| flight.id == frame);
         let plan = flight.map(|flight| &flight.plan).or(self.loaded.as_ref().map(|(plan, _)| plan)).cloned();
         let mut result = self.land(frame, plan.as_deref())?;
@@ -97,7 +119,10 @@ impl Session {
             };
             // Passes with reused results do not run, so nothing can be read after them.
             let share = !self.flying.iter().chain([&drawn]).any(inspects_once);
-            self.grow(&short, (drawn.camera.width, drawn.camera.height), share)?;
+            if let Err(error) = self.grow(&short, (drawn.camera.width, drawn.camera.height), share) {
+                self.undo(&drawn.plan, share);
+                return Err(error);
+            }
             let former = (drawn.plan.clone(), result);
             drawn = self.repeat(drawn)?;
             result = self.land(drawn.id, Some(&drawn.plan))?;
@@ -139,7 +164,7 @@ impl Session {
         tight.tighten(&raised);
         let has_spare = tight != capacities;
         let former = (std::mem::replace(&mut self.planner.capacities, capacities), self.loaded.take());
-        let from = if share { Former::Results } else { Former::Histories };
+        let from = Former::Frame { shares_results: share };
         let mut outcome = self.load(size, from, &mut |_| {});
         if has_spare && outcome.as_ref().is_err_and(SessionError::spares_device) {
             self.planner.capacities = tight;
@@ -158,6 +183,14 @@ impl Session {
         }
     }
 
+    /// Restores the histories to their contents before an incomplete frame that cannot be repeated, so that later frames
+    /// do not read a part of it. Without memory for this, the part stays.
+    fn undo(&mut self, plan: &Plan, share: bool) {
+        if let (true, Some((_, size))) = (saves_histories(plan), &self.loaded) {
+            _ = self.load(*size, Former::Frame { shares_results: share }, &mut |_| {});
+        }
+    }
+
     fn repeat(&mut self, frame: Flight) -> Result<Flight, SessionError> {
         let Flight { camera, mut request, number, plan: former, .. } = frame;
         let plan = self.plan().ok_or(SessionError::NotPrepared)?;
@@ -167,6 +200,16 @@ impl Session {
         }
         self.fly(camera, request, number)
     }
+}
+
+/// Returns true if frames of the plan may have to be repeated with more capacity.
+fn can_grow(plan: &Plan) -> bool {
+    plan.params.iter().any(|param| param.grows.is_some())
+}
+
+/// Returns true if the histories are copied before each frame of the plan, so that a repeated frame starts with them.
+fn saves_histories(plan: &Plan) -> bool {
+    can_grow(plan) && plan.resources.iter().any(|resource| resource.history.is_some())
 }
 
 /// Copies the times of `Once` passes from an incomplete frame to the frame that reused their results.

@@ -6,9 +6,12 @@
 //!
 //! All results are of complete frames. If a list overflowed in a frame (see [`capacity`](crate::draw::capacity)),
 //! [`Session::wait`] builds a plan with more capacity and draws the frame again with the same inputs. The later frames
-//! in flight are repeated when they are waited for. The graph's histories are not restored: `last(...)` then contains a
-//! frame of the same camera, or of the next one in flight. The larger capacity is kept for pictures of all sizes,
-//! unless the default for another size is larger, until [`Session::set_graph`] or [`Session::set_scene`].
+//! in flight are repeated when they are waited for. The larger capacity is kept for pictures of all sizes, unless the
+//! default for another size is larger, until [`Session::set_graph`] or [`Session::set_scene`].
+//!
+//! A repeated frame starts with the contents that the graph's histories had before it. Therefore, if a graph has both
+//! growing lists and histories, the histories are copied before each frame, and each frame is complete before the next
+//! is submitted.
 
 use crate::draw::animation::background_note;
 use crate::draw::backend::Backend;
@@ -20,13 +23,13 @@ use crate::draw::planner::{self, GraphErrors, Planner};
 use crate::draw::projection::ProjectionError;
 use crate::draw::storage::{Choice, StorageError};
 use crate::io::output::say;
-use splatgraph_api::{BackendError, Device, FrameId, Inspect, Loader, Progress, SceneData};
+use splatgraph_api::{BackendError, Device, FrameId, FrameResult, Inspect, Loader, Progress, SceneData};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::{Catalog, Facts, Fallback, Source};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::sync::Arc;
 use std::time::Instant;
@@ -130,6 +133,8 @@ pub struct Session {
     frame: u32,
     /// Frames in flight of plans whose lists can grow, in the order of submission, with the inputs to repeat them.
     flying: Vec<Flight>,
+    /// Results of frames that were completed before they were waited for; see [`Session::submit`].
+    finished: BTreeMap<FrameId, Result<FrameResult, SessionError>>,
     growths: u32,
     /// Time at which the last frame was known to be complete; `None` before the first.
     completed: Option<Instant>,
@@ -183,6 +188,7 @@ impl Session {
             built: Built::default(),
             frame: 0,
             flying: Vec::new(),
+            finished: BTreeMap::new(),
             growths: 0,
             completed: None,
         }
@@ -277,6 +283,7 @@ impl Session {
         self.loaded = None;
         self.built = Built::default();
         self.flying.clear();
+        self.finished.clear();
     }
 
     /// Lists the graph's parameters with their values for a picture size.
@@ -473,7 +480,8 @@ impl Session {
             let loader = match former {
                 Former::Nothing => loader.clearing_histories(),
                 Former::Histories => loader,
-                Former::Results => loader.sharing_results(),
+                Former::Frame { shares_results: false } => loader.restoring_histories(),
+                Former::Frame { shares_results: true } => loader.restoring_histories().sharing_results(),
             };
             let ready = loader.prepare(plan.clone(), &Upload(Some(&self.scene)), progress)?;
             self.device.swap(ready)
@@ -522,8 +530,10 @@ impl Session {
 enum Former {
     Nothing,
     Histories,
-    /// Histories, and the results of `Once` passes.
-    Results,
+    /// Histories as they were before the last frame, which is repeated; and, if true, the results of `Once` passes.
+    Frame {
+        shares_results: bool,
+    },
 }
 
 /// Returns true if a plan draws the scene's mesh.

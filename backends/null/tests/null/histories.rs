@@ -2,7 +2,7 @@
 
 use crate::common::*;
 use crate::testing::{COLOR, WORDS, plan};
-use splatgraph_api::{Device, Loader as _};
+use splatgraph_api::{Device, FrameInputs, Loader as _};
 use splatgraph_framework::ir::*;
 use splatgraph_null::{Call, Null, Object};
 
@@ -52,6 +52,51 @@ fn histories_go_on_where_nothing_but_the_plan_changed() {
     assert!(last_frame(&calls).contains(&Call::Synchronize { dependencies: 0, images: Vec::new() }));
     assert_eq!(destroyed(&calls, Object::Image), ["color"]);
     let ready = null.loader().clearing_histories().prepare(histories(), &Zeros::default(), &mut |_| {});
+    null.swap(ready.expect("it is prepared")).expect("it is swapped in");
+    frame(&mut null, &inputs());
+    assert_eq!(started(&journal.take()), ["words", "color"]);
+    finish(null, &journal);
+}
+
+#[test]
+fn a_plan_can_start_with_the_histories_before_the_last_frame_of_the_one_before() {
+    let (mut null, journal) = device();
+    let saving = FrameInputs { save_histories: true, ..inputs() };
+    let position = |calls: &[Call], is: fn(&Call) -> bool| calls.iter().position(is);
+    load(&mut null, histories());
+    for first in [true, false] {
+        frame(&mut null, &saving);
+        let calls = journal.take();
+        assert_eq!(started(&calls).is_empty(), !first);
+        // The copies come after the passes that run once, and before those of the frame.
+        let calls = last_frame(&calls);
+        let cleared = position(calls, |call| matches!(call, Call::Clear { .. }));
+        let copied =
+            position(calls, |call| matches!(call, Call::CopyToImage { image, .. } if image == "color"));
+        let words =
+            |call: &Call| matches!(call, Call::CopyBuffer { target: (name, 0), .. } if name == "words");
+        let drawn = position(calls, |call| matches!(call, Call::Draw { .. } | Call::DrawIndirect { .. }));
+        assert!(cleared < copied && copied < drawn && position(calls, words).is_some(), "{calls:?}");
+    }
+    for _ in 0..2 {
+        let ready = null.loader().restoring_histories().prepare(histories(), &Zeros::default(), &mut |_| {});
+        null.swap(ready.expect("it is prepared")).expect("it is swapped in");
+        frame(&mut null, &saving);
+        let calls = journal.take();
+        assert_eq!(started(&calls), Vec::<&str>::new());
+        // The copy of the image is still in the layout of a copy's target.
+        let images = vec![("color".to_string(), Layout::TransferTarget, Layout::TransferTarget)];
+        assert!(last_frame(&calls).contains(&Call::FullBarrier { images }));
+        // The image of the plan before, and the new plan's own, which it does not need.
+        assert_eq!(destroyed(&calls, Object::Image), ["color", "color"]);
+    }
+    // Without a frame that saved them, there is nothing to restore.
+    for _ in 0..2 {
+        load(&mut null, histories());
+        frame(&mut null, &inputs());
+        assert_eq!(started(&journal.take()), Vec::<&str>::new());
+    }
+    let ready = null.loader().restoring_histories().prepare(histories(), &Zeros::default(), &mut |_| {});
     null.swap(ready.expect("it is prepared")).expect("it is swapped in");
     frame(&mut null, &inputs());
     assert_eq!(started(&journal.take()), ["words", "color"]);

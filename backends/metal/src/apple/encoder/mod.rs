@@ -386,6 +386,15 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         })
     }
 
+    fn copy_to_image(&mut self, image: &Image<MetalGpu>, target: &Image<MetalGpu>) {
+        objc::pool(|| {
+            let Some(encoder) = self.blit() else { return };
+            let origin = MTLOrigin { x: 0, y: 0, z: 0 };
+            let size = MTLSize::new(image.size.0.into(), image.size.1.into(), 1);
+            encoder.copy_from_texture(&image.raw, 0, 0, origin, size, &target.raw, 0, 0, origin);
+        })
+    }
+
     fn reset_timestamps(&mut self, timestamps: &Timestamps, _: u32) {
         timestamps.reset();
         self.times = Some(timestamps.clone());
