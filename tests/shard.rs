@@ -106,6 +106,22 @@ fn shards_draw_the_pictures_of_one_process_and_none_twice() {
 }
 
 #[test]
+fn graphs_whose_frames_depend_on_those_before_them_are_refused() {
+    let place = Place::new();
+    place.cameras(&CAMERAS);
+    let render = "render scene.ply -c cameras.json --size 32x24 -p stale_order -o out";
+    run(&place, "synth --photograph scene.ply --dataset views --views 2 --size 32x24", &[], 0);
+    let evaluate = "evaluate scene.ply -c views --all -p stale_order -o scores";
+    for line in [render, evaluate] {
+        let told = run(&place, line, &["--shard", "0/1"], 2);
+        let why =
+            "found `stale_order`, whose frames depend on those before them (a history, or `camera.frame`)";
+        assert!(told.contains(why) && told.contains("without --shard"), "{told}");
+    }
+    run(&place, render, &[], 0);
+}
+
+#[test]
 fn shards_of_different_folders_are_joined_with_their_files_outside_the_output() {
     let place = Place::new();
     place.cameras(&CAMERAS);

@@ -544,6 +544,7 @@ impl job::Work for Views {
         let mut origin = match &drawer {
             Drawer::Reference(scene) => job::origin(scene, &cameras)?,
             Drawer::Device(session) => {
+                job::refuse_animated(session)?;
                 job::origin_of(session, &cameras, (&self.args.pipeline, &self.args.set))?
             }
         };

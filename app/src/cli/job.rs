@@ -10,6 +10,7 @@
 //! names the missing ones.
 
 use super::outcome::{self, Outcome, Usage};
+use crate::draw::animation::is_animated;
 use crate::draw::session::Session;
 use crate::draw::stats;
 use crate::io::image::Image;
@@ -468,6 +469,20 @@ pub fn refuse(given: &[(&str, bool)]) -> Result<(), Usage> {
     outcome::refuse(given, |option| {
         format!("expected no {option} with --shard, which processes only part of the views")
     })
+}
+
+/// Rejects a graph whose pictures depend on earlier frames: each process, and each resumed one, draws other frames
+/// before a view. `session` must be prepared.
+pub fn refuse_animated(session: &Session) -> Result<(), Usage> {
+    match session.plan() {
+        Some(plan) if is_animated(plan) => Err(Usage(format!(
+            "expected a graph that draws each view on its own with --shard, found `{}`, whose frames depend on those \
+             before them (a history, or `camera.frame`): each shard would start them anew; draw all views in one \
+             process, without --shard",
+            plan.name
+        ))),
+        _ => Ok(()),
+    }
 }
 
 #[cfg(test)]

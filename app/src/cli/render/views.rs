@@ -77,7 +77,10 @@ impl job::Work for Views {
         let Args { rule, background, backend, .. } = &self.args;
         let mut origin = match drawer.prepared(&self.args)? {
             // Includes the chosen storage: a device with less memory chooses a smaller one, and draws other pictures.
-            Some(session) => job::origin_of(session, &cameras, session.graph())?,
+            Some(session) => {
+                job::refuse_animated(session)?;
+                job::origin_of(session, &cameras, session.graph())?
+            }
             None => job::origin(&loaded.scene, &cameras)?,
         };
         let outputs: Vec<&str> = self.args.named().map(|(name, _)| name).collect();
