@@ -327,7 +327,7 @@ fn check_and_dump_count_what_is_left_out_and_warn_where_a_result_was_asked_for()
     assert!(found.status.success(), "{err}");
     assert_eq!(err.matches("warning: a pass is left out of the include `sort`").count(), 1, "{err}");
     assert!(err.contains("is a `Swap` missing?"), "{err}");
-    assert!(out.contains("; 1 pass left out: nothing reads what it writes"), "{out}");
+    assert!(out.contains("; 1 pass left out: nothing reads what it writes; unread: sort.copy\n"), "{out}");
     let text = place.done("dump graph.ron");
     assert!(text.contains("\n1 pass left out: nothing reads what it writes\nwarning: a pass"), "{text}");
     let json = place.told("dump graph.ron --format json");

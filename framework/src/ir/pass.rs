@@ -288,6 +288,11 @@ pub struct Culled {
     pub origin: Origin,
 }
 
+impl Culled {
+    /// Reason for a pass whose results nothing reads.
+    pub const UNREAD: &str = "nothing reads what it writes";
+}
+
 /// An image that a frame produces besides the main one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Output {

@@ -54,7 +54,7 @@ pub(super) fn order(passes: &[LinkedPass], lowered: &Lowered) -> Result<Order, V
         .filter(|i| !live[*i])
         .map(|i| Culled {
             pass: passes[i].pass.name.clone(),
-            why: "nothing reads what it writes".into(),
+            why: Culled::UNREAD.into(),
             origin: passes[i].pass.origin.clone(),
         })
         .collect();

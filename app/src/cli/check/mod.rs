@@ -5,6 +5,7 @@ use super::outcome::Outcome;
 use super::outcome::colour;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::{self, Fit, Target, Wanted};
+use crate::draw::inspect;
 use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, without_effect};
 use crate::draw::requirements::{self, Case, Unchecked};
 use crate::io::output::{say, say_styled};
@@ -460,6 +461,10 @@ fn verify(plan: &Plan, barriers: &Barriers) -> Result<String, String> {
     );
     if !dump.left_out.is_empty() {
         line += &format!("; {}", dump::left_out_counts(&dump));
+        let unread = inspect::unread(&dump.left_out);
+        if !unread.is_empty() {
+            line += &format!("; unread: {unread}");
+        }
     }
     Ok(line)
 }

@@ -14,7 +14,7 @@ use crate::io::image::{ImageError, save_words};
 use half::f16;
 use serde::Serialize;
 use splatgraph_api::Inspect;
-use splatgraph_framework::ir::{Format, Pass, PassId, ResourceId, Run, Shape};
+use splatgraph_framework::ir::{Culled, Format, Pass, PassId, ResourceId, Run, Shape};
 use splatgraph_framework::plan::{Plan, Resource};
 use splatgraph_framework::source::nearest;
 use std::borrow::Cow;
@@ -29,6 +29,9 @@ const SHOWN: usize = 8;
 
 /// Maximum number of words per element that are summarised.
 const MAX_CHANNELS: usize = 16;
+
+/// Advice for a pass that is left out because nothing reads what it writes.
+const KEPT: &str = ". To keep it, list a word of a buffer that it writes in the graph's `stats`, or request an image that it writes as an output";
 
 /// Error about a name that matches no resource or pass of the plan, or several resources.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -49,6 +52,22 @@ pub fn resolve(plan: &Plan, resource: &str, pass: &str) -> Result<Inspect, Inspe
         |target: &Inspect| plan.pass(target.after).uses.iter().any(|touch| touch.resource == target.resource);
     let used = passes.iter().filter_map(|after| target(after).ok()).find(uses);
     used.map_or_else(|| target(&passes[0]), Ok)
+}
+
+/// Lists the passes that are left out because nothing reads what they write: the first five, and the number of others.
+pub fn unread(culled: &[Culled]) -> String {
+    let mut names: Vec<String> = culled
+        .iter()
+        .filter(|pass| pass.why == Culled::UNREAD)
+        .map(|pass| without_indices(&pass.pass))
+        .collect();
+    names.dedup();
+    let others = names.len().saturating_sub(5);
+    names.truncate(5);
+    if others > 0 {
+        names.push(format!("{others} more"));
+    }
+    names.join(", ")
 }
 
 /// Returns true if the pass runs only in the first frame after a load.
@@ -77,6 +96,11 @@ fn find_passes(plan: &Plan, name: &str) -> Result<Vec<PassId>, InspectError> {
         named(&|full| is_end(name, full)),
     ];
     found.into_iter().find(|passes| !passes.is_empty()).ok_or_else(|| {
+        let is_named = |culled: &&Culled| culled.pass == name || is_end(name, &culled.pass);
+        if let Some(Culled { pass, why, .. }) = plan.culled.iter().find(is_named) {
+            let advice = if why == Culled::UNREAD { KEPT } else { "" };
+            return InspectError(format!("the pass `{pass}` is left out of the plan: {why}{advice}"));
+        }
         let names: Vec<&str> = passes.map(|id| plan.pass(id).name.as_str()).collect();
         let stems: Vec<String> = names.iter().map(|name| without_indices(name)).collect();
         let ends = stems.iter().filter_map(|stem| stem.rsplit('.').next());
@@ -109,7 +133,15 @@ fn find_resource(plan: &Plan, name: &str, pass: &Pass) -> Result<ResourceId, Ins
         names.dedup();
         return Err(InspectError(match nearest(name, names.iter().copied()) {
             Some(near) => format!("the plan has no resource `{name}`; did you mean `{near}`?"),
-            None => format!("the plan has no resource `{name}`; it has {}", names.join(", ")),
+            None => {
+                let known = format!("the plan has no resource `{name}`; it has {}", names.join(", "));
+                let unread = unread(&plan.culled);
+                if unread.is_empty() {
+                    known
+                } else {
+                    format!("{known}; what only these passes use is left out with them: {unread}{KEPT}")
+                }
+            }
         }));
     }
     let touched = |writes: bool| -> Vec<ResourceId> {
@@ -390,6 +422,30 @@ mod tests {
         );
         // No step of the plan runs `both`.
         assert!(error("keys", "both").starts_with("no pass `both` runs"));
+    }
+
+    #[test]
+    fn a_pass_that_is_left_out_is_named_with_the_reason_and_the_way_to_keep_it() {
+        let culled = |pass: &str, why: &str| Culled { pass: pass.into(), why: why.into(), origin: origin() };
+        let mut plan = plan();
+        plan.culled = vec![
+            culled("sum.add[0]", Culled::UNREAD),
+            culled("sum.add[1]", Culled::UNREAD),
+            culled("mesh", "its condition is false: with_mesh"),
+        ];
+        let error = |resource, pass| resolve(&plan, resource, pass).unwrap_err().to_string();
+        let found = error("score", "add");
+        let begin = "the pass `sum.add[0]` is left out of the plan: nothing reads what it writes. To keep it, list a word";
+        assert!(found.starts_with(begin) && found.contains("`stats`"), "{found}");
+        assert_eq!(
+            error("score", "mesh"),
+            "the pass `mesh` is left out of the plan: its condition is false: with_mesh"
+        );
+        let found = error("score", "draw");
+        let end = "it has keys, args; what only these passes use is left out with them: sum.add. To keep it,";
+        assert!(found.starts_with("the plan has no resource `score`; ") && found.contains(end), "{found}");
+        let many: Vec<Culled> = (0..7).map(|i| culled(&format!("p{i}"), Culled::UNREAD)).collect();
+        assert_eq!(unread(&many), "p0, p1, p2, p3, p4, 2 more");
     }
 
     #[test]
