@@ -1,7 +1,7 @@
 //! Things are broken and repaired repeatedly: picture and memory afterwards must be as before.
 //!
-//! Each cycle breaks one thing of every kind: a scene, an inspection, files that a pipe replaces, and the device itself,
-//! which is closed and reopened as after its loss. The soak test breaks graphs, shaders and sizes. `SPLATGRAPH_LONG` runs more cycles.
+//! Each cycle breaks one thing of every kind: a graph, a shader, a scene, a size, an inspection, a file that a pipe
+//! replaces, and the device itself, which is closed and reopened as after its loss. `SPLATGRAPH_LONG` runs more cycles.
 
 use super::whole::{PATIENCE, TestShell};
 use crate::common;
@@ -54,9 +54,13 @@ impl Cycles {
     }
 
     fn run(&mut self) {
+        self.broken_file(GRAPH, "Graph(");
+        let shader = shipped(SHADER).replacen("void main() {", "void main() {\n    int i = undeclared;", 1);
+        self.broken_file(SHADER, &shader);
         [GRAPH, INCLUDE, SHADER, HEADER].into_iter().for_each(|name| self.no_file(name));
         self.broken_scene();
         self.broken_inspection();
+        self.odd_sizes();
         self.lost_device();
     }
 
@@ -80,6 +84,18 @@ impl Cycles {
         }
     }
 
+    fn broken_file(&mut self, name: &str, text: &str) {
+        self.viewer.place.write(name, text);
+        self.viewer.until("the mistake", |viewer| viewer.shell.viewer.a.renderer.failure().is_some());
+        self.mend(name);
+        self.check(&format!("a mistake in {name}"));
+    }
+
+    fn mend(&mut self, name: &str) {
+        self.viewer.place.write(name, shipped(name));
+        self.viewer.until("the mending", |viewer| viewer.shell.viewer.a.renderer.failure().is_none());
+    }
+
     /// Replaces a file with a named pipe, which would block a reader, and restores the file.
     fn no_file(&mut self, name: &str) {
         let path = self.viewer.place.at(name);
@@ -90,8 +106,7 @@ impl Cycles {
             failure.is_some_and(|failure| failure.text(false).contains("is a pipe, not a file"))
         });
         std::fs::remove_file(&path).expect("it is removed");
-        self.viewer.place.write(name, shipped(name));
-        self.viewer.until("the mending", |viewer| viewer.shell.viewer.a.renderer.failure().is_none());
+        self.mend(name);
         self.check(&format!("a pipe for {name}"));
     }
 
@@ -112,6 +127,16 @@ impl Cycles {
         self.viewer.settle();
         self.viewer.shell.viewer.a.inspection = None;
         self.check("an inspection");
+    }
+
+    fn odd_sizes(&mut self) {
+        for size in [(0, 0), (1, 1), (1200, 16)] {
+            self.viewer.size = size;
+            self.viewer.frames(3);
+        }
+        self.viewer.settle();
+        self.viewer.size = SIZE;
+        self.check("odd sizes");
     }
 
     fn lost_device(&mut self) {
