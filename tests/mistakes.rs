@@ -93,6 +93,14 @@ fn mistakes_of_a_beginner_are_answered_with_the_way_to_go() {
         let seen = place.run(&format!("{render} --eye 0,0,-90{backend}"));
         assert!(!String::from_utf8_lossy(&seen.stderr).contains("see no splat"));
     }
+    // Splats that the low pass removes are in the view.
+    for rule in ["--set low_pass=compensated", "--backend reference --rule low_pass=0.3*compensated"] {
+        let seen = place.run(&format!("{render} --eye 0,0,-900000 --target 0,0,0 {rule}"));
+        let errors = String::from_utf8_lossy(&seen.stderr);
+        assert!(errors.contains("1 of 1 cameras see no splat: the centres of "), "{errors}");
+        assert!(errors.contains(" are in the picture, but `low_pass`, unless"), "{errors}");
+        assert!(!errors.contains("--orbit") && !errors.contains("alpha_cap"), "{errors}");
+    }
 }
 
 #[test]

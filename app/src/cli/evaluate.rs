@@ -444,7 +444,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     work.tell_alignment(args, drawer.scene());
     let Work { views, stems, downscale, downscaled, .. } = work;
     let mut progress = Progress::new("scoring");
-    let (mut scores, mut missing, mut blind) = (Vec::with_capacity(views.len()), Vec::new(), 0);
+    let (mut scores, mut missing, mut blind) = (Vec::with_capacity(views.len()), Vec::new(), Vec::new());
     for (index, (view, stem)) in views.iter().zip(&stems).enumerate() {
         progress.set(index as u64, views.len() as u64, &view.name);
         // Errors of the device and the disk end the run: they would repeat for each view.
@@ -453,8 +453,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
                 let drawn = drawer.draw(&camera, args.background)?;
                 let scene = drawer.scene();
                 // A view whose exact picture does not fit in memory counts as one that sees splats.
-                let sees = blind::sees(scene, &camera.relative_to(scene.offset()));
-                blind += usize::from(sees == Ok(false));
+                let in_scene = camera.relative_to(scene.offset());
+                if blind::sees(scene, &in_scene) == Ok(false) {
+                    blind.push(in_scene);
+                }
                 save(args, stem, &drawn, &photograph)?;
                 view.score(&drawn, &photograph)
             }
@@ -474,8 +476,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         progress.suspend(|| session.settings_without_effect().iter().chain(&note).for_each(say));
     }
     drop(progress);
-    if blind > 0 {
-        say(blind::note(drawer.scene(), blind, views.len()));
+    if let Some(first) = blind.first() {
+        let example = Some((first, Rules::of_view(drawer.scene(), first)));
+        say(blind::note(drawer.scene(), (blind.len(), views.len()), &example, ""));
     }
     others.iter().for_each(say);
     let found = Evaluation::new(scores, missing);

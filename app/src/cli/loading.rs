@@ -1,6 +1,6 @@
 //! Loads scenes and their cameras, and reports what is unusual about them.
 
-use crate::draw::blind;
+use crate::draw::blind::{self, Example};
 use crate::draw::facts::{self, SceneFacts};
 use crate::io::demo;
 use crate::io::load::LoadOptions;
@@ -240,15 +240,12 @@ pub fn stray_cameras(cameras: &[Camera], scene: &Scene) -> Option<String> {
     ))
 }
 
-/// Reports that `blind` of `of` cameras see no splat, unless `blind` is 0. `framing` names what frames the scene; it is
-/// left out if no splat is visible.
-pub fn tell_blind(scene: &Scene, blind: usize, of: usize, framing: &str) {
-    let advice = match blind::is_invisible(scene) {
-        true => String::new(),
-        false => format!("; {framing}, without --cameras, --eye and --target, frames the scene"),
-    };
+/// Reports that `blind` of `of` cameras see no splat, unless `blind` is 0. `framing` names what frames the scene, if the
+/// splats are elsewhere.
+pub fn tell_blind(scene: &Scene, (blind, of): (usize, usize), example: &Example, framing: &str) {
+    let advice = format!("; {framing}, without --cameras, --eye and --target, frames the scene");
     if blind > 0 {
-        say(blind::note(scene, blind, of) + &advice);
+        say(blind::note(scene, (blind, of), example, &advice));
     }
 }
 

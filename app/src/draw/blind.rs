@@ -1,9 +1,11 @@
 //! Finds cameras that see no splat. Their pictures are empty, so they are equal whatever draws them.
 
 use crate::draw::truth::Truth;
+use crate::io::scene_file::splats;
 use rayon::prelude::*;
-use splatgraph_assets::{Camera, Scene};
-use splatgraph_reference::{PictureMemoryError, Rules, project};
+use splatgraph_assets::{Camera, Filter, Scene};
+use splatgraph_framework::plan::Plan;
+use splatgraph_reference::{LowPass, PictureMemoryError, Rules, project};
 
 /// Opacity from which a splat contributes to the pixel nearest to its centre, whatever the low-pass filter.
 const CLEAR: f64 = 0.05;
@@ -14,42 +16,88 @@ const CLEAR: f64 = 0.05;
 /// The exact picture does not fit in memory. It is not drawn if the centre of an opaque enough splat is in the picture.
 pub fn sees(scene: &Scene, camera: &Camera) -> Result<bool, PictureMemoryError> {
     let rules = Rules::of_view(scene, camera);
-    let (width, height) = (f64::from(camera.width) - 1.0, f64::from(camera.height) - 1.0);
-    let is_clear = |index| {
-        project(scene, index, camera, &rules).is_some_and(|splat| {
-            let [x, y] = splat.center;
-            splat.opacity >= CLEAR && (0.0..=width).contains(&x) && (0.0..=height).contains(&y)
-        })
-    };
-    if (0..scene.count()).into_par_iter().any(is_clear) {
+    if centred(scene, camera, &rules, CLEAR).any(|_| true) {
         return Ok(true);
     }
     Ok(Truth::draw(scene, camera, [0.0; 3], &rules)?.stats.most_contributors > 0)
 }
 
+/// Finds the splats whose centres are in the picture, with opacities of at least `opacity` there.
+fn centred(scene: &Scene, camera: &Camera, rules: &Rules, opacity: f64) -> impl ParallelIterator<Item = u32> {
+    let (width, height) = (f64::from(camera.width) - 1.0, f64::from(camera.height) - 1.0);
+    (0..scene.count()).into_par_iter().filter(move |index| {
+        project(scene, *index, camera, rules).is_some_and(|splat| {
+            let [x, y] = splat.center;
+            splat.opacity >= opacity && (0.0..=width).contains(&x) && (0.0..=height).contains(&y)
+        })
+    })
+}
+
+/// A view without a splat: its camera, in the scene's coordinates, and the rules by which it was drawn.
+pub type Example<'a> = Option<(&'a Camera, Rules)>;
+
+/// Returns the rules of a plan that can leave out splats whose centres are in the picture, in a view's other rules.
+pub fn rules_of(plan: Option<&Plan>, scene: &Scene, camera: &Camera) -> Rules {
+    let mut rules = Rules::of_view(scene, camera);
+    for param in plan.iter().flat_map(|plan| &plan.params) {
+        let value = param.value.to_string();
+        match param.name.as_str() {
+            "low_pass" if value == Filter::Dilated.name() => rules.low_pass = Rules::PUBLISHED.low_pass,
+            // How much it fades splats does not matter.
+            "low_pass" => rules.low_pass = LowPass::None,
+            "alpha_cap" => rules.alpha_cap = value.parse().unwrap_or(rules.alpha_cap),
+            _ => {}
+        }
+    }
+    rules
+}
+
+/// Names the rules that left out splats whose centres are in the picture of a view without a splat. `None` if there are
+/// no such splats.
+fn left_out(scene: &Scene, (camera, rules): &(&Camera, Rules)) -> Option<String> {
+    let wide = Rules { low_pass: Rules::PUBLISHED.low_pass, ..rules.clone() };
+    let count = centred(scene, camera, &wide, rules.alpha_floor).count();
+    let is_dilated = matches!(rules.low_pass, LowPass::Dilate(_));
+    let filter = "`low_pass`, unless it is `dilated`, leaves out splats much smaller than a pixel";
+    let cap = "`alpha_cap=1` leaves out opaque splats, because each would end the blending";
+    let ends = |stop: f64| 1.0 - rules.alpha_cap < stop;
+    let causes = [(!is_dilated, filter), (rules.stop.is_some_and(ends), cap)];
+    let mut causes: Vec<&str> =
+        causes.into_iter().filter(|(holds, _)| *holds).map(|(_, text)| text).collect();
+    if causes.is_empty() {
+        causes.push("the graph draws none of them");
+    }
+    let centres = format!("the centres of {} are in the picture", splats(count as u64));
+    (count > 0).then(|| format!("{centres}, but {}", causes.join(", and ")))
+}
+
 /// Returns true if no splat is opaque enough to contribute to a pixel.
-pub fn is_invisible(scene: &Scene) -> bool {
+fn is_invisible(scene: &Scene) -> bool {
     !(0..scene.count() as usize).any(|index| scene.can_show(index))
 }
 
-/// Reports that `blind` of `of` cameras see no splat, and the box of most splats, unless all splats are invisible.
-pub fn note(scene: &Scene, blind: usize, of: usize) -> String {
-    let why = match is_invisible(scene) {
-        true => "no splat has an opacity of 1/255 or more".to_owned(),
-        false => format!("most splats are in the box {}", scene.robust_bounds().in_world(scene.offset())),
+/// Reports that `blind` of `of` cameras see no splat, and why: all splats are invisible, rules leave them out, or they
+/// are elsewhere, in the box of most splats. Then `advice` follows.
+pub fn note(scene: &Scene, (blind, of): (usize, usize), example: &Example, advice: &str) -> String {
+    let why = match example.as_ref().and_then(|example| left_out(scene, example)) {
+        _ if is_invisible(scene) => "no splat has an opacity of 1/255 or more".to_owned(),
+        Some(rules) => rules,
+        None => {
+            let bounds = scene.robust_bounds().in_world(scene.offset());
+            format!("most splats are in the box {bounds}{advice}")
+        }
     };
     format!("{blind} of {of} cameras see no splat: {why}")
 }
 
-/// Reports that `blind` of a comparison's `of` cameras see no splat; `None` if `blind` is 0.
+/// Reports that `blind`, cameras of a comparison's `of`, see no splat; `None` if there are none.
 ///
 /// # Errors
 /// No camera sees a splat, so there is nothing to compare.
-pub fn check(scene: &Scene, blind: usize, of: usize) -> Result<Option<String>, String> {
-    if blind == 0 {
-        return Ok(None);
-    }
-    let note = note(scene, blind, of);
+pub fn check(scene: &Scene, blind: &[Camera], of: usize) -> Result<Option<String>, String> {
+    let Some(first) = blind.first() else { return Ok(None) };
+    let blind = blind.len();
+    let note = note(scene, (blind, of), &Some((first, Rules::of_view(scene, first))), "");
     if blind < of { Ok(Some(note)) } else { Err(note + "; no picture can be compared") }
 }
 
@@ -64,7 +112,10 @@ mod tests {
         let ahead = Camera::framing(&scene, 32, 24);
         let away = Camera::looking_at([0.0, 0.0, -50.0], [0.0, 0.0, -60.0], 60.0, (32, 24));
         assert_eq!((sees(&scene, &ahead), sees(&scene, &away)), (Ok(true), Ok(false)));
-        assert!(note(&scene, 1, 2).starts_with("1 of 2 cameras see no splat: most splats are in the box "));
+        let rules = Rules::of_view(&scene, &away);
+        let elsewhere = note(&scene, (1, 2), &Some((&away, rules)), "; turn");
+        assert!(elsewhere.starts_with("1 of 2 cameras see no splat: most splats are in the box "));
+        assert!(elsewhere.ends_with("; turn"), "{elsewhere}");
         // The centre of a large splat is outside the picture, its edge inside.
         let one = |x: f32, opacity: f32| {
             Scene::generate(1, 0, |_| Splat {
@@ -80,8 +131,22 @@ mod tests {
         let found = found.map(|(x, opacity)| sees(&one(x, opacity), &camera));
         assert_eq!(found, [Ok(true), Ok(true), Ok(false), Ok(false)]);
         assert_eq!(
-            note(&one(0.0, 0.003), 1, 1),
+            note(&one(0.0, 0.003), (1, 1), &None, "; turn"),
             "1 of 1 cameras see no splat: no splat has an opacity of 1/255 or more"
         );
+        let of = |low_pass: LowPass, alpha_cap: f64| {
+            let rules = Rules { low_pass, alpha_cap, ..Rules::PUBLISHED };
+            note(&one(0.0, 0.5), (1, 1), &Some((&camera, rules)), "; turn")
+        };
+        let (dilated, cap) = (Rules::PUBLISHED.low_pass, Rules::PUBLISHED.alpha_cap);
+        let said = [of(LowPass::Compensated(0.3), cap), of(dilated, 1.0), of(dilated, cap)];
+        for (said, why) in said.iter().zip([
+            "`low_pass`, unless it is `dilated`, leaves out splats much smaller than a pixel",
+            "`alpha_cap=1` leaves out opaque splats, because each would end the blending",
+            "the graph draws none of them",
+        ]) {
+            let begin = "1 of 1 cameras see no splat: the centres of 1 splat are in the picture, but ";
+            assert_eq!(*said, format!("{begin}{why}"));
+        }
     }
 }

@@ -144,11 +144,15 @@ impl Subject {
         if self.scene.count() == 0 {
             return Ok(());
         }
-        let mut blind = 0;
+        let mut blind = Vec::new();
         for camera in &self.cameras {
-            blind += usize::from(!blind::sees(&self.scene, camera)?);
+            if !blind::sees(&self.scene, camera)? {
+                blind.push(camera.clone());
+            }
         }
-        if let Some(note) = blind::check(&self.scene, blind, self.cameras.len()).map_err(StudyError::Input)? {
+        if let Some(note) =
+            blind::check(&self.scene, &blind, self.cameras.len()).map_err(StudyError::Input)?
+        {
             listener.say(&format!("{note}; in their views, nothing has an error"));
         }
         Ok(())

@@ -82,13 +82,16 @@ impl PriceArgs {
         };
         let all: Vec<_> = cameras.into_iter().map(sized).collect();
         // Empty pictures are equal in every format.
-        let (mut cameras, of) = (Vec::new(), all.len());
+        let (mut cameras, mut blind, of) = (Vec::new(), Vec::new(), all.len());
         for camera in all {
-            if blind::sees(original, &camera.relative_to(original.offset()))? {
+            let in_scene = camera.relative_to(original.offset());
+            if blind::sees(original, &in_scene)? {
                 cameras.push(camera);
+            } else {
+                blind.push(in_scene);
             }
         }
-        if let Some(note) = blind::check(original, of - cameras.len(), of).map_err(Error::msg)? {
+        if let Some(note) = blind::check(original, &blind, of).map_err(Error::msg)? {
             say(format!("{note}; their views are left out"));
         }
         let (splats, of) = (scene.count(), original.count());

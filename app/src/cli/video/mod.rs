@@ -10,6 +10,7 @@ use super::outcome::{self, Outcome, Usage, claim_graph_files};
 use super::render::prepare_plan;
 use super::scenes::ScenesArgs;
 use super::stdout::Stdout;
+use crate::draw::blind;
 use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
 use crate::draw::film::{self, DrawOptions, Drawn, Film, Motion};
 use crate::draw::fingerprint::fingerprint;
@@ -339,7 +340,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     };
     if let Some((drawn, Drawn { gpu_ms, blind })) = told {
-        loading::tell_blind(session.scene(), blind, drawn, "the same command");
+        let (scene, camera) = (session.scene(), film.camera(0.0).filter(|_| blind == drawn));
+        let rules = |camera| (camera, blind::rules_of(session.plan(), scene, camera));
+        loading::tell_blind(scene, (blind, drawn), &camera.as_ref().map(rules), "the same command");
         let line = job.summary(drawn, began.elapsed().as_secs_f64(), gpu_ms);
         Stdout::of([Some(args.output.as_path()), args.write_cameras.as_deref()].into_iter().flatten())
             .line(&line)?;
