@@ -104,6 +104,23 @@ fn mistakes_of_a_beginner_are_answered_with_the_way_to_go() {
 }
 
 #[test]
+fn a_graph_that_includes_itself_is_the_error_whatever_asks_for_its_parameters() {
+    let place = Place::empty();
+    let graph =
+        r#"Graph(version: 1, summary: "itself", passes: [Include(graph: "auto", name: "a", expose: All)])"#;
+    place.write("auto.ron", graph);
+    for line in ["params", "params auto", "render --size 32x18 -o a.png --set grey=1"] {
+        let errors = place.fails(line, 1);
+        assert!(
+            errors.contains("these graphs include each other")
+                && errors
+                    .contains("auto.ron takes precedence over the built-in `auto`: give it another name"),
+            "{line}: {errors}"
+        );
+    }
+}
+
+#[test]
 fn pictures_without_a_splat_are_not_compared() {
     let place = Place::demo(300);
     let camera = |name: &str, forward: i32| {

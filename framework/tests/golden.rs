@@ -188,6 +188,8 @@ const NOT_SHOWN: &[&str] = &[
     "lower/results.rs: this graph has no output `{name}`",
     "lower/results.rs: outputs only its picture",
     "lower/results.rs: outputs {} besides its picture",
+    // No file of the golden tests is built in; tested in tests/mistakes.rs.
+    "lower/declared.rs: {path} takes precedence over the built-in `{graph}`",
     // Parts of glslang's log and of generated texts: no messages for users.
     "lower/params.rs: {kind} {};",
     "lower/params.rs: // ",

@@ -308,6 +308,17 @@ pub(super) fn parameters(
     Ok(found)
 }
 
+/// Returns the error for an include of `graph`, found as `file`, that leads back to a graph around it.
+pub(super) fn circular(graph: &str, file: FileId, place: &Place, files: &SourceMap) -> Diagnostic {
+    let error =
+        place.error("these graphs include each other", "leads back to a graph that includes this one");
+    if !files.hides_built_in(file, graph) {
+        return error;
+    }
+    let path = files.path(file);
+    error.with_help(format!("{path} takes precedence over the built-in `{graph}`: give it another name"))
+}
+
 struct Collect<'a, 'r> {
     choices: &'a mut Choices<'r>,
     files: &'a mut SourceMap,
@@ -331,8 +342,8 @@ impl Collect<'_, '_> {
             around: Vec::new(),
         });
         let mut found = Parameters { all: own.collect(), ..Parameters::default() };
-        // The walk over the passes reports circular includes in more detail.
-        if self.around.contains(&opened.file) || self.around.len() > MAX_DEPTH {
+        // The walk over the passes reports it.
+        if self.around.len() > MAX_DEPTH {
             return Ok(Rc::new(found));
         }
         self.around.push(opened.file);
@@ -377,6 +388,9 @@ impl Collect<'_, '_> {
         let file = self.files.find(Some(opened.file), graph, Kind::Graph);
         let file = file.map_err(|e| vec![e.at(graph_place.span())])?;
         let chosen = self.choices.choose(file, self.files, 0)?;
+        if self.around.contains(&chosen.opened.file) {
+            return Err(vec![circular(graph, file, &graph_place, self.files)]);
+        }
         let inner = self.graph(&chosen.opened)?;
         let at = place.field("expose");
         if let Expose::Only(names) = expose

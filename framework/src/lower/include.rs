@@ -76,8 +76,7 @@ impl Lowering<'_> {
         };
         let opened = &chosen.opened;
         if self.includes.contains(&opened.file) {
-            return Err(graph_place
-                .error("these graphs include each other", "leads back to a graph that includes this one"));
+            return Err(declared::circular(graph, file, &graph_place, self.files));
         }
         if !chosen.errors.is_empty() {
             let here = |error: &Diagnostic| error.clone().with_label(graph_place.span(), "included here");

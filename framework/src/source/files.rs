@@ -244,12 +244,20 @@ impl SourceMap {
 
     /// Returns the path of a file for messages, with a remark if it is built in: then there may be no such file on disk.
     pub fn shown_path(&self, file: FileId) -> Cow<'_, str> {
-        let is_built_in = self
-            .known
-            .iter()
-            .any(|(identity, known)| *known == file && matches!(identity, Identity::BuiltIn(_)));
         let path = self.path(file);
-        if is_built_in { Cow::Owned(format!("{path} (built in)")) } else { Cow::Borrowed(path) }
+        if self.is_built_in(file) { Cow::Owned(format!("{path} (built in)")) } else { Cow::Borrowed(path) }
+    }
+
+    fn is_built_in(&self, file: FileId) -> bool {
+        let mut known = self.known.iter();
+        known.any(|(identity, known)| *known == file && matches!(identity, Identity::BuiltIn(_)))
+    }
+
+    /// Returns true if a built-in graph is called `name`, but [`SourceMap::find`] returned `file` for this name.
+    pub fn hides_built_in(&self, file: FileId, name: &str) -> bool {
+        let built_in = |path: String| self.library.builtin.iter().any(|(built_in, _)| *built_in == path);
+        let mut spellings = spellings(name, Kind::Graph).into_iter();
+        !self.is_built_in(file) && spellings.any(|name| built_in(joined(Kind::Graph.folder(), &name)))
     }
 
     /// Returns the text of a file; empty for an invalid id. A byte order mark is removed only from files on disk.
