@@ -178,7 +178,7 @@ impl Sources {
             name,
             defined,
             format!(
-                "`defined({name})` asks whether it is. A parameter of an include is defined here only if the include exposes it"
+                "`defined({name})` asks whether it is. A parameter of an include is defined here only if the include exposes it, and a `let` of an include never: declare that in this graph"
             ),
         )
     }
