@@ -7,7 +7,8 @@ use pyo3::exceptions::{PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 use splatgraph::io::output::OutputError;
 use splatgraph::io::scene_file;
-use splatgraph_assets::{self as assets, Splat};
+use splatgraph_assets::{self as assets, FileNotes, Similarity, Splat};
+use std::collections::HashMap;
 use std::ffi::CString;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -54,6 +55,8 @@ impl Scene {
     ///     scales: standard deviations along the axes in world units (not their logarithms), [N, 3].
     ///     opacities: opacities at the centre, 0 to 1 (not their logits), [N].
     ///     sh: spherical harmonics, [N, K, 3] with K = 1, 4, 9 or 16; a colour c is 0.5 + 0.28209 * sh[:, 0].
+    ///     like: a scene that the arrays were made from, whose `tags` and mesh the new scene gets. The means are
+    ///         relative to its `offset`, as its own are.
     ///
     /// Splats with values that are not finite or a quaternion of 0 are dropped: see `dropped`. Warns (`UserWarning`) of
     /// float32 means so far from 0 that they are coarse.
@@ -63,9 +66,10 @@ impl Scene {
     ///     TypeError: an argument is not an array of numbers.
     #[staticmethod]
     #[pyo3(
-        signature = (means, quats, scales, opacities, sh, *, _checked = true),
-        text_signature = "(means, quats, scales, opacities, sh)"
+        signature = (means, quats, scales, opacities, sh, *, like = None, _checked = true),
+        text_signature = "(means, quats, scales, opacities, sh, *, like=None)"
     )]
+    #[expect(clippy::too_many_arguments, reason = "Python's function has them")]
     fn from_arrays(
         py: Python<'_>,
         means: &Bound<'_, PyAny>,
@@ -73,6 +77,7 @@ impl Scene {
         scales: &Bound<'_, PyAny>,
         opacities: &Bound<'_, PyAny>,
         sh: &Bound<'_, PyAny>,
+        like: Option<&Scene>,
         _checked: bool,
     ) -> PyResult<Scene> {
         let means = Means::take(means)?;
@@ -121,8 +126,11 @@ impl Scene {
                 assets::Scene::try_generate_in_world(splats, degree, position, splat)
             }
         });
-        let scene = made.map_err(|error| Error::new_err(error.to_string()))?;
+        let mut scene = made.map_err(|error| Error::new_err(error.to_string()))?;
         warn_coarse(py, "means", &scene)?;
+        if let Some(Scene(like)) = like {
+            scene = alike(scene, like);
+        }
         Ok(Scene(Arc::new(scene)))
     }
 
@@ -200,6 +208,13 @@ impl Scene {
         self.0.offset()
     }
 
+    /// Tags of the scene's file, which say how to draw the splats: `low_pass` and `key_of` if they differ from the
+    /// published rules, and `up`.
+    #[getter]
+    fn tags(&self) -> HashMap<&'static str, String> {
+        self.0.notes().tags().into_iter().collect()
+    }
+
     /// Box of all centres: its minimum and its maximum corner, in world units relative to `offset`.
     #[getter]
     fn bounds(&self) -> ([f32; 3], [f32; 3]) {
@@ -232,6 +247,19 @@ impl Scene {
             self.0.count(),
             self.0.effective_degree()
         )
+    }
+}
+
+/// Moves a scene by the offset of `like`, and gives it the tags and the mesh of that scene.
+fn alike(scene: assets::Scene, like: &assets::Scene) -> assets::Scene {
+    let (offset, origin) = (scene.offset(), like.offset());
+    let FileNotes { low_pass, key_of, up, .. } = like.notes();
+    let notes = FileNotes { low_pass, key_of, up, ..scene.notes() };
+    let moved = scene.with_offset(std::array::from_fn(|axis| offset[axis] + origin[axis])).with_notes(notes);
+    let in_world = Similarity { translation: origin.into(), ..Similarity::IDENTITY };
+    match like.mesh() {
+        Some(mesh) => moved.beside(mesh, &in_world),
+        None => moved,
     }
 }
 

@@ -72,6 +72,25 @@ def test_means_of_doubles_far_from_0_keep_their_precision_by_an_offset(tmp_path)
         Scene.load(tmp_path / "rounded.ply")
 
 
+def test_arrays_of_a_scene_make_a_scene_with_its_tags_and_its_offset(tmp_path):
+    means, *others = random_splats(1, 50, 2)
+    Scene.from_arrays(means + np.array([1e7, 0, 0]), *others).save(tmp_path / "far.ply")
+    ply = (tmp_path / "far.ply").read_bytes()
+    (tmp_path / "far.ply").write_bytes(ply.replace(b"end_header", b"comment vertical axis: z\nend_header", 1))
+    scene = Scene.load(tmp_path / "far.ply")
+    kept = scene.opacities > 0.5
+    arrays = [array[kept] for array in (scene.means, scene.quats, scene.scales, scene.opacities, scene.sh)]
+    assert Scene.from_arrays(*arrays).tags == {} and scene.tags == {"up": "0,0,1"}
+    pruned = Scene.from_arrays(*arrays, like=scene)
+    assert (pruned.tags, pruned.offset, len(pruned)) == (scene.tags, scene.offset, kept.sum())
+    np.testing.assert_array_equal(pruned.means, scene.means[kept])
+    moved = Scene.from_arrays(arrays[0] + np.array([1e7, 0, 0]), *arrays[1:], like=scene)
+    np.testing.assert_allclose(moved.means + np.array(moved.offset) - scene.offset - [1e7, 0, 0], arrays[0], atol=1e-4)
+    pruned.save(tmp_path / "pruned.ply")
+    again = Scene.load(tmp_path / "pruned.ply")
+    assert (again.tags, again.offset) == (scene.tags, scene.offset)
+
+
 def test_a_file_that_lacks_what_a_scene_has_is_warned_of(scene, camera, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
