@@ -62,7 +62,8 @@ impl Similarity {
         }
     }
 
-    pub(crate) fn point(&self, point: DVec3) -> DVec3 {
+    /// Transforms a point.
+    pub fn point(&self, point: DVec3) -> DVec3 {
         self.rotation * point * self.scale + self.translation
     }
 }

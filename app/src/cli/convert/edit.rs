@@ -42,8 +42,9 @@ pub struct EditArgs {
     /// Keep the splats for which this expression is true, for instance 'opacity > 0.05 && scale_max < 0.5'
     ///
     /// The names are x, y, z (centre, in the world), opacity (0 to 1), scale_min, scale_max (standard deviations), red,
-    /// green, blue (band 0, 0 to 1 and beyond), index. Operators and functions are those of expressions in graphs, but
-    /// `/` divides whole numbers as floats: 1/2 is 0.5.
+    /// green, blue (band 0, 0 to 1 and beyond), index (as of --keep: in IN and the scenes of --merge, before other
+    /// changes). Operators and functions are those of expressions in graphs, but `/` divides whole numbers as floats:
+    /// 1/2 is 0.5.
     #[arg(long = "where", value_name = "EXPRESSION", allow_hyphen_values = true, value_parser = condition)]
     condition: Option<Condition>,
     /// Order of the splats: `file`, or `morton`, which stores neighbours in space near each other
@@ -135,6 +136,8 @@ impl Crop {
 struct Names<'a> {
     scene: &'a Scene,
     index: usize,
+    /// Index before the splats of other options were left out.
+    first_index: u32,
 }
 
 const NAMES: [&str; 10] =
@@ -156,7 +159,7 @@ impl Scope for Names<'_> {
             "red" => color(0),
             "green" => color(1),
             "blue" => color(2),
-            "index" => return Some(Value::Int(index as i64)),
+            "index" => return Some(Value::Int(self.first_index.into())),
             _ => return None,
         }))
     }
@@ -179,8 +182,8 @@ fn place(text: &str, error: &ExprError) -> String {
 }
 
 impl Condition {
-    fn holds(&self, scene: &Scene, index: usize) -> Result<bool, Usage> {
-        match self.expr.eval(&Names { scene, index }) {
+    fn holds(&self, names: &Names) -> Result<bool, Usage> {
+        match self.expr.eval(names) {
             Ok(Value::Bool(holds)) => Ok(holds),
             Ok(other) => {
                 Err(Usage(format!("--where: expected a condition, found `{}`, which is {other}", self.text)))
@@ -261,6 +264,14 @@ impl EditArgs {
         self.transform.iter().fold(Similarity::IDENTITY, |all, next| all.then(*next))
     }
 
+    /// Returns true if `--transform`, which moves the origin to `offset`, leaves a splat within the range of f32.
+    fn keeps(&self, scene: &Scene, index: usize, offset: [f64; 3]) -> bool {
+        let by = self.similarity();
+        let position = by.point(scene.world_position(index).into()) - DVec3::from(offset);
+        let scale = scene.scales()[index].map(|scale| (f64::from(scale) * by.scale) as f32);
+        position.as_vec3().is_finite() && scale.iter().all(|scale| scale.is_finite())
+    }
+
     /// Applies the changes after `--merge`, in order. Also returns what `--transform` dropped, if anything.
     ///
     /// # Errors
@@ -268,6 +279,8 @@ impl EditArgs {
     /// is left.
     pub fn changed(&self, mut scene: Scene) -> Result<(Scene, Option<String>)> {
         let mut loss = None;
+        // The indices before the splats of --keep, --remove and --transform were left out.
+        let mut first_indices: Vec<u32> = (0..scene.count()).collect();
         if self.lists().next().is_some() {
             let count = scene.count();
             let read = |path: &PathBuf| SplatSet::read(path, &scene).map_err(Usage);
@@ -277,7 +290,8 @@ impl EditArgs {
             if left.is_empty() {
                 bail!("expected --keep and --remove to leave a splat, found none left of {count}");
             }
-            scene = scene.picked(&left.indices())?;
+            first_indices = left.indices();
+            scene = scene.picked(&first_indices)?;
         }
         if !self.transform.is_empty() {
             let moved = scene.transformed(&self.similarity())?;
@@ -287,6 +301,8 @@ impl EditArgs {
             }
             if lost.total() > 0 {
                 loss = Some(format!("--transform: {} dropped ({lost})", scene_file::splats(lost.total())));
+                let mut at = 0..;
+                first_indices.retain(|_| at.next().is_some_and(|at| self.keeps(&scene, at, moved.offset())));
             }
             scene = moved;
         }
@@ -294,8 +310,9 @@ impl EditArgs {
             let kept = |index: u32| {
                 let at = index as usize;
                 let inside = self.crop.is_none_or(|crop| crop.has(scene.world_position(at).into()));
+                let names = || Names { scene: &scene, index: at, first_index: first_indices[at] };
                 let holds =
-                    || self.condition.as_ref().map_or(Ok(true), |condition| condition.holds(&scene, at));
+                    || self.condition.as_ref().map_or(Ok(true), |condition| condition.holds(&names()));
                 Ok((inside && holds()?).then_some(index))
             };
             let kept: Result<Vec<Option<u32>>, Usage> =
@@ -339,10 +356,12 @@ mod tests {
     fn splats_that_a_transform_moves_beyond_the_range_of_floats_are_a_loss() {
         let words = ["1e9", "1e9", "1e9", "1e9", "500"].map(|factor| format!("--transform=scale:{factor}"));
         let edit: EditArgs = parsed([&["convert".to_owned()][..], &words].concat()).unwrap();
-        let scene = synth::generate("uniform", 400, 0).expect("a small scene");
-        let (left, loss) = edit.changed(scene).unwrap();
+        let scene = || synth::generate("uniform", 400, 0).expect("a small scene");
+        let (left, loss) = edit.changed(scene()).unwrap();
         let loss = loss.expect("a loss");
         assert!(loss.starts_with(&format!("--transform: {} splats dropped", 400 - left.count())), "{loss}");
+        let keeps = |index: &usize| edit.keeps(&scene(), *index, left.offset());
+        assert_eq!((0..400).filter(keeps).count(), left.count() as usize);
     }
 
     #[test]
@@ -386,6 +405,11 @@ mod tests {
         assert_eq!(kept.positions(), [3, 7, 390].map(|index| whole.positions()[index]));
         assert_eq!(edit(&["--remove", &some]).unwrap().count(), 397);
         assert_eq!(edit(&["--keep", &some, "--remove", &one]).unwrap().count(), 2);
+        // `index` counts the splats of the file, whatever other options leave out.
+        for changes in [vec!["--remove", &one], vec!["--crop", "sphere:0,0,0,9000"]] {
+            let left = edit(&[&changes[..], &["--where", "index == 7 || index == 390"]].concat()).unwrap();
+            assert_eq!(left.positions(), [7, 390].map(|index| whole.positions()[index]));
+        }
         let none = edit(&["--keep", &one, "--remove", &some]).unwrap_err();
         assert!(
             none.contains("expected --keep and --remove to leave a splat, found none left of 400"),
