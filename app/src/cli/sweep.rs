@@ -30,7 +30,9 @@ use std::path::{Path, PathBuf};
 /// ones. The largest are chosen before keys are made, as usual for levels of detail. The nearest are cut after the
 /// sort, for which tiles use `sorted=splats`; they are a half, a quarter and so on of the visible splats, so fewer if
 /// some are outside of the view (`drawn` in sweep.csv). Each picture, the second frame of its view (histories begin
-/// with zeros), is compared with the exact renderer's picture of all splats.
+/// with zeros), is compared with the exact renderer's picture of all splats. The page and the plots show the PSNR of
+/// the mean squared error of all views, as `trade` does. `compare`, `evaluate` and `convert --price` show the mean of
+/// the views' PSNRs, which is higher.
 ///
 /// Then a camera approaches, and the time of the draw is compared with the number of fragments.
 ///
