@@ -97,6 +97,10 @@ fn cameras_are_moved_with_a_scene_and_a_dataset_that_lacks_a_file_is_told() {
     let steps = "--transform rotate:1,0.5,0,100 --transform scale:2.5 --transform move:0,1,0";
     let (_, errors) = place.said(&format!("convert scene.ply moved.ply {steps}"));
     assert!(errors.contains("cameras.json is not moved: `-c cameras.json --write-cameras FILE`"), "{errors}");
+    place.write("kept/note.txt", "");
+    let told = ["kept/a.ply", "kept.ply"].map(|to| place.said(&format!("convert scene.ply {to}")).1);
+    let note = "no cameras are beside kept/a.ply: draw it with `-c cameras.json`";
+    assert_eq!(told.each_ref().map(|errors| errors.contains(note)), [true, false], "{told:?}");
     let line = format!("convert scene.ply moved.ply {steps} -c views --write-cameras moved.cameras.json");
     let (_, errors) = place.said(&line);
     assert!(!errors.contains("not moved"), "{errors}");

@@ -137,15 +137,18 @@ pub fn run(args: &Args) -> Result<Outcome> {
         None => None,
     };
     if cameras.is_none()
-        && args.edit.transforms()
-        && output.is_some()
+        && let Some((output, _)) = output
         && let Some(file) = camera::beside(&args.input)
     {
         let file = file.display().to_string();
-        say(format!(
-            "{file} is not moved: `-c {} --write-cameras FILE` writes the cameras of the transformed scene",
-            shell_word(&file)
-        ));
+        let word = shell_word(&file);
+        if args.edit.transforms() {
+            say(format!(
+                "{file} is not moved: `-c {word} --write-cameras FILE` writes the cameras of the transformed scene"
+            ));
+        } else if !is_standard_output(output) && camera::beside(output).is_none() {
+            say(format!("no cameras are beside {}: draw it with `-c {word}`", output.display()));
+        }
     }
     let loaded = loading::load_scene(&args.input, &args.load)?;
     let (merged, originals) = args.edit.merged(loaded, &args.load)?;
