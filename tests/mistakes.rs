@@ -121,6 +121,23 @@ fn a_graph_that_includes_itself_is_the_error_whatever_asks_for_its_parameters() 
 }
 
 #[test]
+fn cameras_with_equal_names_keep_them_where_they_can_and_a_name_of_several_is_told() {
+    let place = Place::demo(300);
+    let camera = |name: &str| {
+        format!(
+            r#"{{"id":0,"img_name":"{name}","width":32,"height":18,"position":[0,0,-9],
+            "rotation":[[1,0,0],[0,1,0],[0,0,1]],"fx":24,"fy":24}}"#
+        )
+    };
+    place.write("c.json", format!("[{}]", ["t 0/a", "t 0/b", "t 0/b"].map(camera).join(",")));
+    place.done("render scene.ply -c c.json -o o/ --json=s.json");
+    let stats = place.json("s.json");
+    assert_eq!([0, 1, 2].map(|view| &stats[view]["camera"]), ["t 0/a", "t 0/b", "t 0/b-2"]);
+    let said = place.said("render scene.ply -c 'c.json#t 0/b' -o b.png").1;
+    assert!(said.contains("2 cameras have the name t 0/b: the first is taken; #2 is the next"), "{said}");
+}
+
+#[test]
 fn pictures_without_a_splat_are_not_compared() {
     let place = Place::demo(300);
     let camera = |name: &str, forward: i32| {

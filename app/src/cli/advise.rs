@@ -7,7 +7,6 @@ use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::keys::{self, Mapping, Need, WIDTHS};
 use crate::draw::{fit, planner, projection};
 use crate::io::load::LoadOptions;
-use crate::io::output::names::MAX_NAME_BYTES;
 use crate::io::output::{OutputGuard, shell_word};
 use crate::studies::advise::harmonics::Band;
 use crate::studies::advise::search::{Best, Budget, Tried};
@@ -83,8 +82,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let sampled = args.drawing.cameras.is_none();
     let is_one = given.as_ref().is_none_or(|cameras| cameras.len() == 1);
     let scene = args.scene.as_deref();
-    let (scene, mut cameras) =
-        loading::scene_and_cameras(scene, &args.load, given, MAX_NAME_BYTES, args.drawing.size)?;
+    let (scene, mut cameras) = loading::scene_and_cameras(scene, &args.load, given, args.drawing.size)?;
     if sampled {
         cameras = keys::around(&scene, cameras.first().context("no cameras")?, AROUND);
     }

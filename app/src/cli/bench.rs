@@ -219,7 +219,7 @@ fn measure_scene(
     (path, given): (Option<&Path>, Option<Vec<Camera>>),
     report: &mut Report,
 ) -> Result<()> {
-    let (scene, cameras) = loading::scene_and_cameras(path, &args.load, given, MAX_NAME_BYTES, None)?;
+    let (scene, cameras) = loading::scene_and_cameras(path, &args.load, given, None)?;
     let name = loading::scene_name(path);
     let candidates: Vec<_> =
         args.pipelines.iter().map(|pipeline| Setting::of_graph(pipeline, &args.set)).collect();

@@ -121,7 +121,8 @@ pub fn parse(spec: &str, ignore_distortion: bool) -> Result<Vec<Camera>, CameraE
     Ok(dataset.into_cameras())
 }
 
-/// Tells the user which file moved the cameras, if any, and which models of COLMAP's are not read.
+/// Tells the user which file moved the cameras, if any, which models of COLMAP's are not read, and if several views
+/// have the name of the selected one.
 pub fn tell_alignment(dataset: &Dataset) {
     if let Some(file) = &dataset.alignment {
         say(format!("the cameras are moved to the space of nerfstudio's scene, by {}", file.display()));
@@ -130,6 +131,10 @@ pub fn tell_alignment(dataset: &Dataset) {
         let more = if more.is_empty() { String::new() } else { format!(" and {} more", more.len()) };
         let count = dataset.views.len();
         say(format!("COLMAP's model 0 is read, with {count} cameras; not read: {}{more}", other.display()));
+    }
+    if let ([view], Some((count, next))) = (dataset.views.as_slice(), dataset.same_name) {
+        let name = one_line(&view.camera.img_name);
+        say(format!("{count} cameras have the name {name}: the first is taken; #{next} is the next"));
     }
 }
 

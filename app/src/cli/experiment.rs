@@ -7,7 +7,6 @@ use super::options::{self, BackendArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use super::subject;
 use crate::io::load::LoadOptions;
-use crate::io::output::names::MAX_NAME_BYTES;
 use crate::io::output::{self, OutputGuard, one_line, say};
 use crate::io::program;
 use crate::studies::experiment;
@@ -95,8 +94,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut guard = guard(args)?;
     let settings = [Setting::of_graph(GRAPH, &[])];
     let scene = (common.scene.as_deref(), &common.load);
-    let mut subject =
-        subject::load(common.device.open()?, scene, &settings, given, MAX_NAME_BYTES, common.size)?;
+    let mut subject = subject::load(common.device.open()?, scene, &settings, given, common.size)?;
     if common.size.is_none() {
         subject.cameras.iter_mut().for_each(|camera| *camera = loading::at_most(camera, WIDTH));
     }

@@ -12,7 +12,6 @@ use anyhow::{Context, Result, anyhow, bail};
 use splatgraph_assets::{Camera, Content, LoadError, QUIET, Scene, SceneError, SceneFormat};
 use splatgraph_framework::ir::Catalog;
 use splatgraph_framework::source::nearest;
-use std::collections::HashMap;
 use std::ops::ControlFlow;
 use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
@@ -146,8 +145,7 @@ pub fn scene_or_demo(
 
 const FRAMING: &str = "framing";
 
-/// Lists the names that the cameras of [`scene_and_cameras`] have before empty and duplicate names are replaced. Does
-/// not load the scene.
+/// Lists the names that the cameras of [`scene_and_cameras`] have before they are made unique. Does not load the scene.
 pub fn camera_names(scene: Option<&Path>, given: Option<&[Camera]>) -> Vec<String> {
     let own = || {
         scene.is_none().then(demo::camera).flatten().map_or_else(|| FRAMING.into(), |camera| camera.img_name)
@@ -167,44 +165,30 @@ pub fn scene_name(path: Option<&Path>) -> String {
 
 /// Loads the scene at `path`, or the demo scene, and prepares its cameras; see [`cameras_of`]. Without `given`, uses
 /// the demo scene's camera, or frames the scene.
-///
-/// A camera with an empty or duplicate name gets a unique one, as a file name of at most `room` bytes.
 pub fn scene_and_cameras(
     path: Option<&Path>,
     load: &LoadOptions,
     given: Option<Vec<Camera>>,
-    room: usize,
     size: Option<(u32, u32)>,
 ) -> Result<(Scene, Vec<Camera>)> {
-    let stems = stems(path, given.as_deref(), room);
     let (scene, _, own) = scene_or_demo(&NEVER, path, load)?;
-    let cameras = cameras_of(&scene, given.or(own.map(|own| vec![own])), &stems, size);
+    let cameras = cameras_of(&scene, given.or(own.map(|own| vec![own])), size);
     Ok((scene, cameras))
 }
 
 /// Converts cameras to the scene's coordinates and to the requested size; without cameras, frames the scene at that
 /// size.
 ///
-/// A camera with an empty or duplicate name gets its entry of `stems` as its name.
-pub fn cameras_of(
-    scene: &Scene,
-    given: Option<Vec<Camera>>,
-    stems: &[String],
-    size: Option<(u32, u32)>,
-) -> Vec<Camera> {
+/// Their names become unique; see [`names::distinct`].
+pub fn cameras_of(scene: &Scene, given: Option<Vec<Camera>>, size: Option<(u32, u32)>) -> Vec<Camera> {
     let given = given.map(|cameras| in_scene(&cameras, scene));
     let mut cameras = given.unwrap_or_else(|| vec![framing_at(scene, size)]);
-    let mut uses: HashMap<String, usize> = HashMap::new();
-    for camera in &cameras {
-        *uses.entry(camera.img_name.clone()).or_default() += 1;
-    }
-    for (camera, stem) in cameras.iter_mut().zip(stems) {
+    let names: Vec<String> = cameras.iter().map(|camera| camera.img_name.clone()).collect();
+    for (camera, name) in cameras.iter_mut().zip(names::distinct(&names)) {
         if let Some((width, height)) = size {
             *camera = camera.resized(width, height);
         }
-        if camera.img_name.is_empty() || uses.get(&camera.img_name).is_some_and(|uses| *uses > 1) {
-            camera.img_name = stem.clone();
-        }
+        camera.img_name = name;
     }
     cameras
 }

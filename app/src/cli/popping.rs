@@ -8,7 +8,6 @@ use super::outcome::{Outcome, Usage, claim_graph_files, once};
 use super::subject;
 use crate::draw::projection;
 use crate::io::load::LoadOptions;
-use crate::io::output::names::MAX_NAME_BYTES;
 use crate::io::output::{self, OutputGuard};
 use crate::studies::measurement::settings;
 use crate::studies::popping::report::{self, Summary};
@@ -106,7 +105,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let variants = variants(args, own);
     let graph = shared_projection(&variants)?.unwrap_or(own);
     let scene = (args.scene.as_deref(), &args.load);
-    let mut subject = subject::load(args.device.open()?, scene, &variants, given, MAX_NAME_BYTES, args.size)?;
+    let mut subject = subject::load(args.device.open()?, scene, &variants, given, args.size)?;
     let path = path(args, &subject.scene, subject.cameras)?;
     // The exact renderer draws each camera in its own projection.
     subject.cameras = projection::convert_all(&path, graph, &subject.scene, args.size)?;

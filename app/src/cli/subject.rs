@@ -19,7 +19,6 @@ pub fn load(
     (path, load): (Option<&Path>, &LoadOptions),
     settings: &[Setting],
     given: Option<Vec<Camera>>,
-    room: usize,
     size: Option<(u32, u32)>,
 ) -> Result<Subject> {
     if let Some(path) = path {
@@ -27,6 +26,6 @@ pub fn load(
             fit::check_header(path, load, device.info(), &setting.pipeline, &setting.set)?;
         }
     }
-    let (scene, cameras) = loading::scene_and_cameras(path, load, given, room, size)?;
+    let (scene, cameras) = loading::scene_and_cameras(path, load, given, size)?;
     Ok(Subject { device, name: loading::scene_name(path), scene: scene.into(), cameras })
 }

@@ -74,7 +74,7 @@ fn open(args: &Args, guard: &mut OutputGuard, given: Option<Vec<Camera>>) -> Res
     let Drawing { pipeline, set, size, .. } = &args.drawing;
     let settings = [Setting::of_graph(pipeline, set)];
     let scene = (args.scene.as_deref(), &args.load);
-    let mut subject = subject::load(args.device.open()?, scene, &settings, given, ROOM, *size)?;
+    let mut subject = subject::load(args.device.open()?, scene, &settings, given, *size)?;
     let graph = projection::of_graph_for(pipeline, set, &subject.cameras);
     subject.cameras = projection::convert_all(&subject.cameras, graph, &subject.scene, *size)?;
     let file = args.scene.as_deref().and_then(Path::file_stem);

@@ -108,7 +108,7 @@ fn open(
     let settings = [Setting::of_graph(pipeline, set)];
     let stems = loading::stems(args.scene.as_deref(), given.as_deref(), ROOM);
     let scene = (args.scene.as_deref(), &args.load);
-    let mut subject = subject::load(args.device.open()?, scene, &settings, given, ROOM, *size)?;
+    let mut subject = subject::load(args.device.open()?, scene, &settings, given, *size)?;
     let graph = projection::of_graph_for(pipeline, set, &subject.cameras);
     subject.cameras = projection::convert_all(&subject.cameras, graph, &subject.scene, *size)?;
     let truths = |folder: &PathBuf| -> Result<_> {

@@ -209,8 +209,8 @@ impl Dataset {
         // `000003` is a frame's name, which may stand after a folder's in the names of a rig. It is no index.
         let is_index = |index: &usize| *index < dataset.views.len() && index.to_string() == wanted;
         let numbered = || wanted.parse().ok().filter(is_index);
-        let index = named(wanted).or_else(|| named(photograph::stem(wanted))).or_else(numbered);
-        let Some(index) = index else {
+        let by_name = named(wanted).or_else(|| named(photograph::stem(wanted)));
+        let Some(index) = by_name.or_else(numbered) else {
             let names = dataset.views.iter().map(|view| view.camera.img_name.clone());
             return Err(CameraError::NotFound {
                 path: path.to_owned(),
@@ -219,6 +219,11 @@ impl Dataset {
                 names: names.filter(|name| !name.is_empty()).take(8).collect(),
             });
         };
+        let name = &dataset.views[index].camera.img_name;
+        let equal = || dataset.views.iter().enumerate().filter(|(_, view)| view.camera.img_name == *name);
+        if by_name.is_some() {
+            dataset.same_name = equal().nth(1).map(|(next, _)| (equal().count(), next));
+        }
         dataset.views = vec![dataset.views.swap_remove(index)];
         Ok(dataset)
     }

@@ -41,6 +41,9 @@ pub struct Dataset {
     pub other_models: Vec<PathBuf>,
     /// Names of test photographs in the dataset (`test_filenames`) that no view has.
     pub unmatched: Vec<String>,
+    /// Number of views that have the selected name, if there are several, and the index of the next one. The first is
+    /// selected.
+    pub same_name: Option<(usize, usize)>,
     /// True if the dataset has masks (`mask_path`), which are not read.
     pub has_masks: bool,
     /// True if the file moves cameras over time, which is not read. glTF files can.

@@ -47,7 +47,7 @@ impl Loaded {
         let (scene, own) = args.scenes.load(cancel)?;
         let given = work.given.clone().or(own.map(|own| vec![own]));
         let size = args.drawing.size;
-        let mut found = loading::cameras_of(&scene, given, &work.stems, size);
+        let mut found = loading::cameras_of(&scene, given, size);
         if work.given.is_none() && graph == Projection::Equirectangular {
             found = found.iter().map(|camera| orbit::levelled(camera, scene.up())).collect();
         }

@@ -88,12 +88,36 @@ pub fn unique(names: &[String], room: usize) -> Vec<String> {
         }
     }
     let mut own = |index: usize| {
-        let suffixes = std::iter::once(format!("-{index}")).chain((2..).map(|n| format!("-{index}-{n}")));
-        let mut candidates = suffixes.map(|suffix| shortened(&fit[index], room - suffix.len()) + &suffix);
+        let mut candidates =
+            suffixes(index).map(|suffix| shortened(&fit[index], room - suffix.len()) + &suffix);
         candidates.find(|name| taken.insert(key(name))).unwrap_or_default()
     };
     let found = found.into_iter().enumerate();
     found.map(|(index, name)| name.unwrap_or_else(|| own(index))).collect()
+}
+
+/// Lists the endings that tell equal names apart: the index of the camera, then also a number.
+fn suffixes(index: usize) -> impl Iterator<Item = String> {
+    std::iter::once(format!("-{index}")).chain((2..).map(move |n| format!("-{index}-{n}")))
+}
+
+/// Makes the names of cameras unique, and keeps the first of equal names.
+///
+/// The others get the same endings as in [`unique`]. An empty name becomes `camera` and its index.
+pub fn distinct(names: &[String]) -> Vec<String> {
+    let mut taken = HashSet::with_capacity(names.len());
+    // Names that stay are taken first, so that no changed name equals one.
+    let stays: Vec<bool> = names.iter().map(|name| !name.is_empty() && taken.insert(name.clone())).collect();
+    let own = |(index, name): (usize, &String)| {
+        if stays[index] {
+            return name.clone();
+        }
+        let name = if name.is_empty() { format!("camera{index}") } else { name.clone() };
+        let endings = std::iter::once(String::new()).chain(suffixes(index));
+        let mut candidates = endings.map(|ending| format!("{name}{ending}"));
+        candidates.find(|name| taken.insert(name.clone())).unwrap_or_default()
+    };
+    names.iter().enumerate().map(own).collect()
 }
 
 /// Folds the case of a name, as a file system that ignores case does.
@@ -158,6 +182,14 @@ mod tests {
         assert_eq!(of(&["a-2", "a", "a"]), ["a-2", "a", "a-2-2"]);
         assert_eq!(of(&["a", "A", "a"]), ["a", "A-1", "a-2"]);
         assert_eq!(of(&["", "camera0", "camera0"]), ["camera0-0", "camera0", "camera0-2"]);
+    }
+
+    #[test]
+    fn names_in_results_stay_except_empty_and_repeated_ones() {
+        let of = |names: &[&str]| distinct(&names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>());
+        assert_eq!(of(&["t 0/a", "t 0/b", "T 0/b", "t 0/b"]), ["t 0/a", "t 0/b", "T 0/b", "t 0/b-3"]);
+        assert_eq!(of(&["a", "a", "a-1"]), ["a", "a-1-2", "a-1"]);
+        assert_eq!(of(&["", "camera0", ""]), ["camera0-0", "camera0", "camera2"]);
     }
 
     #[test]

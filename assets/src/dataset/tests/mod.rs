@@ -116,6 +116,14 @@ fn a_camera_is_selected_by_name_or_number() {
         "no camera `0001`: it has 3, numbered from 0 and named front/0001, back/0000",
     );
     says(select("#left/*").unwrap_err(), "no camera `left/*`");
+    cameras[2].img_name = "back/0000".into();
+    Camera::save(&cameras, &path).unwrap();
+    let same_name = |wanted: &str| {
+        let spec = format!("{}#{wanted}", path.display());
+        Dataset::select(&spec, CameraOptions::default()).unwrap().same_name
+    };
+    let found = ["back/0000", "front/0001", "1", "2"].map(same_name);
+    assert_eq!(found, [Some((2, 2)), None, None, None], "an index selects one camera");
     Camera::save(&[], &path).unwrap();
     assert!(matches!(select(""), Err(CameraError::Empty { .. })));
 }
