@@ -162,9 +162,11 @@ pub fn trade<'py>(
     let table = trading::table::table(&lines);
     let page = trading::page::page(&ledger, &lines, &failed, &trading::pictures::Album::default())
         .map_err(|error| errors::study(py, &error.into()))?;
+    let provenance = &ledger.origin.provenance;
+    let csv = trading::table::csv(&lines, provenance);
     let all = json!({
-        "lines": lines, "failed": failed, "rows": ledger.rows, "device": ledger.origin.provenance.device, "messages": messages,
-        "notes": trading::table::notes(&lines), "table": table, "csv": trading::table::csv(&lines), "html": page,
+        "lines": lines, "failed": failed, "rows": ledger.rows, "device": provenance.device, "messages": messages,
+        "notes": trading::table::notes(&lines), "table": table, "csv": csv, "html": page,
     });
     errors::to_python(py, &all)
 }
