@@ -4,7 +4,7 @@ use super::script::Script;
 use crate::draw::splat_set::SplatSet;
 use crate::view::events::{Event, RendererId};
 use crate::view::paint::Mode;
-use crate::view::viewer::{Marks, Viewer};
+use crate::view::viewer::Marks;
 use egui::{Key, Modifiers};
 use splatgraph_assets::Camera;
 use splatgraph_null::Config;
@@ -31,21 +31,25 @@ fn a_scene_is_opened_by_its_contents_whatever_its_name() {
 }
 
 #[test]
-fn a_and_b_are_exchanged_once_the_scene_of_b_is_loaded() {
+fn a_scene_that_is_loaded_for_b_is_exchanged_with_its_graph() {
     let mut script = Script::open(&Config::default());
     script.settle();
     script.viewer().choose_compare(Mode::Split);
+    script.settle();
     let (first, second) = (script.path("first.ply"), script.path("second.ply"));
-    let paths =
-        |viewer: &Viewer| [RendererId::A, RendererId::B].map(|id| viewer.scene_path_of(id).to_owned());
+    let marks = Marks { hidden: SplatSet::from_iter([7]).into(), ..Marks::default() };
     let viewer = script.viewer();
+    viewer.set_marks(RendererId::A, marks.clone());
     viewer.open_scene_in(RendererId::B, &second);
     viewer.exchange();
-    assert_eq!((paths(viewer), viewer.loading(RendererId::A)), ([first.clone(), first.clone()], None));
+    assert_eq!(viewer.loading(RendererId::A), Some(second.as_path()));
+    assert_eq!(viewer.loading(RendererId::B), None);
+    assert_eq!([RendererId::A, RendererId::B].map(|id| viewer.scene_path_of(id)), [&first, &first]);
+    assert_eq!([RendererId::A, RendererId::B].map(|id| viewer.marks(id)), [&marks, &marks]);
     script.settle();
-    assert!(script.has_event(|event| matches!(event, Event::Problem { .. })));
-    script.viewer().exchange();
-    assert_eq!(paths(script.viewer()), [second, first]);
+    let viewer = script.viewer();
+    assert_eq!([RendererId::A, RendererId::B].map(|id| viewer.scene_path_of(id)), [&second, &first]);
+    assert_eq!([RendererId::A, RendererId::B].map(|id| viewer.scene_of(id).count()), [200, 99]);
     script.close(&[]);
 }
 

@@ -82,6 +82,12 @@ impl SceneWatch {
         self.scenes.swap(0, 1);
     }
 
+    /// Watches A's scene for B, too, after B got a copy of it.
+    pub fn copy_to_b(&mut self) {
+        let [a, b] = &mut self.scenes;
+        b.files.extend(a.files.clone());
+    }
+
     /// Takes the path of one changed scene of a viewport; `None` if none has changed since it was loaded.
     pub fn take(&mut self, id: RendererId) -> Option<PathBuf> {
         let change = self.watcher.as_mut().and_then(Watcher::take);

@@ -138,12 +138,10 @@ impl Viewer {
     }
 
     /// Exchanges graphs, parameters and scenes of A and B, if there is a B. The camera keeps its position in the world.
-    /// Refused with an event while the first scene of B's own is being loaded.
+    ///
+    /// If B shares A's scene while another scene is being loaded for B, B keeps the shared scene as its own, and A
+    /// shows the other scene once it is loaded.
     pub fn exchange(&mut self) {
-        if self.other.is_none() && self.loading(RendererId::B).is_some() {
-            let text = "A and B can be exchanged once the scene of B is loaded".to_owned();
-            return self.events.push(Event::Problem { text });
-        }
         let Some(b) = &mut self.b else { return };
         // Events from before the exchange keep the former names.
         for viewport in [&mut self.a, &mut *b] {
@@ -152,6 +150,12 @@ impl Viewer {
         std::mem::swap(&mut self.a, b);
         std::mem::swap(&mut self.a.renderer.id, &mut b.renderer.id);
         self.events.push(Event::Exchanged);
+        if self.other.is_none() && self.loading(RendererId::B).is_some() {
+            let (copy, applied) = self.subject.copied(self.wake.clone());
+            self.other = Some(copy);
+            self.scene_watch.copy_to_b();
+            self.events.extend(applied.err().map(|text| Event::Problem { text }));
+        }
         if let Some(other) = self.other.take() {
             let former = self.replace_subject(other);
             self.other = Some(former);

@@ -114,6 +114,22 @@ impl Subject {
         }
     }
 
+    /// Creates a subject with the same scene and marks, but without searches.
+    ///
+    /// Also returns an error if marks are being applied, and no thread can be started to apply them to the copy.
+    pub fn copied(&self, wake: Wake) -> (Subject, Result<(), String>) {
+        let mut copy = Subject::new(self.whole.clone(), self.path.clone(), wake);
+        copy.file.clone_from(&self.file);
+        (copy.up, copy.left_out) = (self.up, self.left_out.clone());
+        copy.scene.clone_from(&self.scene);
+        if self.maker.busy() {
+            let applied = copy.set_marks(self.marks.clone());
+            return (copy, applied);
+        }
+        copy.marks = self.marks.clone();
+        (copy, Ok(()))
+    }
+
     /// Creates the navigation for the scene as drawn, without cameras. The whole scene is in view, upright with respect
     /// to `up`.
     pub fn navigation(&self, up: [f64; 3]) -> Navigation {
