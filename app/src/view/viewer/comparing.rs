@@ -17,17 +17,25 @@ pub(super) struct Compared {
     pub sides: [Option<(Choice, u64)>; 2],
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Step {
+    No,
+    /// A viewport does not draw the requested state yet.
+    Waiting,
+    /// The pictures are being read back.
+    Reading,
+}
+
 pub(super) struct Comparing {
-    /// True while a viewport does not draw the requested state yet.
-    pub waits: bool,
-    /// Inputs of the comparison in progress; `None` if no picture is being read back or compared.
-    pub of: Option<Compared>,
+    pub step: Step,
     pub worker: Latest<Differences>,
     pub newest: Option<(Differences, Compared)>,
+    /// Inputs of the comparison in progress.
+    pub of: Option<Compared>,
 }
 
 impl Comparing {
     pub fn new(wake: Wake) -> Comparing {
-        Comparing { waits: false, of: None, worker: Latest::new("compare", wake), newest: None }
+        Comparing { step: Step::No, worker: Latest::new("compare", wake), newest: None, of: None }
     }
 }

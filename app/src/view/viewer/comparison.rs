@@ -3,7 +3,7 @@
 //! A comparison starts once both viewports draw the requested state. Its result is out of date once the camera, the
 //! background, a scene, a graph or a setting changes.
 
-use super::comparing::{Compared, Differences};
+use super::comparing::{Compared, Differences, Step};
 use super::{Viewer, Viewport};
 use crate::draw::session::image_of;
 use crate::view::events::{Event, RendererId};
@@ -18,13 +18,13 @@ impl Viewer {
     /// Does nothing without B, or while a comparison is in progress.
     pub fn measure(&mut self) {
         if self.b.is_some() && !self.is_comparing() {
-            self.comparing.waits = true;
+            self.comparing.step = Step::Waiting;
         }
     }
 
     /// Returns true from [`Viewer::measure`] until the result is known.
     pub fn is_comparing(&self) -> bool {
-        self.comparing.waits || self.comparing.of.is_some()
+        self.comparing.step != Step::No || self.comparing.worker.busy()
     }
 
     /// Returns the newest comparison of A and B; `None` before the first, and after [`Viewer::forget_comparison`].
@@ -60,13 +60,18 @@ impl Viewer {
     /// Requests a read-back of both pictures once both viewports draw the requested state. If B is hidden, proceeds at
     /// once, so that [`Viewer::compare_pictures`] reports it.
     pub(super) fn start_comparison(&mut self) {
-        let is_ready = self.b.is_none() || self.compare == Mode::A || !self.changes_soon();
-        if self.comparing.waits && is_ready {
-            self.comparing.waits = false;
-            self.viewports_mut().for_each(Viewport::want_picture);
-        // Until both reads are submitted, the camera may still move.
-        } else if self.comparing.of.is_none() || !self.viewports().any(Viewport::wants_picture) {
+        let asks = match self.comparing.step {
+            Step::Waiting => self.b.is_none() || self.compare == Mode::A || !self.changes_soon(),
+            // Until both reads are submitted, the camera may still move; the state is recorded again below.
+            Step::Reading => self.viewports().any(Viewport::wants_picture),
+            Step::No => false,
+        };
+        if !asks {
             return;
+        }
+        if self.comparing.step == Step::Waiting {
+            self.comparing.step = Step::Reading;
+            self.viewports_mut().for_each(Viewport::want_picture);
         }
         self.comparing.of = Some(self.compares_now());
     }
@@ -85,14 +90,14 @@ impl Viewer {
     }
 
     fn cannot_compare(&mut self, why: &str) {
-        self.comparing.of = None;
+        self.comparing.step = Step::No;
         self.events.push(Event::Problem { text: format!("A and B cannot be compared: {why}") });
     }
 
     /// Compares both pictures on another thread, once they have been read back. Gives up, and reports the reason, if B
     /// is hidden or a picture cannot be drawn or read.
     pub(super) fn compare_pictures(&mut self) {
-        if self.comparing.of.is_none() || self.comparing.worker.busy() {
+        if self.comparing.step != Step::Reading {
             return;
         }
         let pictures = match self.b.as_mut().filter(|_| self.compare != Mode::A) {
@@ -114,6 +119,7 @@ impl Viewer {
                 return self.cannot_compare(&why);
             }
         };
+        self.comparing.step = Step::No;
         if let Err(error) = self.comparing.worker.start(move |_| Some(differences(&a, &b))) {
             self.cannot_compare(&error);
         }
