@@ -93,7 +93,7 @@ fn splats_of_an_unchanged_scene_stay_hidden_when_its_list_is_loaded_again_and_a_
     let tells = |script: &Script, expected: &str| {
         script.has_event(|event| matches!(event, Event::Problem { text } if text.contains(expected)))
     };
-    let told = tells(&script, "second.ply changed; its selection and its hidden splats went with it");
+    let told = tells(&script, "second.ply changed: its hidden splats are shown again, and none is selected");
     assert!(told, "{:#?}", script.events);
 
     write("Scenes([Scene(file: \"second.ply\")])");
@@ -207,7 +207,7 @@ fn a_scene_whose_file_is_replaced_is_loaded_again_and_stays_with_an_error_while_
     other.write_ply(&path).expect("written");
     loaded(&mut script);
     assert!(script.viewer().marks(RendererId::A).is_empty());
-    let text = "first.ply changed; its selection went with it";
+    let text = "first.ply changed: none of its splats is selected any more";
     let tells = |event: &Event| matches!(event, Event::Problem { text: told } if told.ends_with(text));
     assert!(script.has_event(tells), "{:#?}", script.events);
     // Earlier marks cannot be restored for other splats.

@@ -270,7 +270,7 @@ impl Viewer {
         let has_same_splats = |(new, old)| subject.whole.has_splats_of(new, &former.whole, old);
         let reindexed = before != now || !now.iter().zip(&before).all(has_same_splats);
         self.reindexed.extend(reindexed.then(|| subject.path.clone()));
-        let problems = lost.into_iter().map(|text| Event::Problem { text });
+        let problems = lost.iter().map(|lost| Event::Problem { text: lost.to_string() });
         self.events.extend(problems);
         Some(marks)
     }

@@ -13,6 +13,7 @@ use crate::view::renderer::Wake;
 use splatgraph_assets::{Camera, SH_C0, Scene, SceneMemoryError, ScenePart, Splat};
 use splatgraph_framework::source::canonical;
 use std::collections::VecDeque;
+use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -45,6 +46,36 @@ impl Marks {
     /// Returns the splats that are neither selected nor hidden, in a scene of `count` splats.
     pub fn rest(&self, count: u32) -> SplatSet {
         self.shown(count).without(&self.selected)
+    }
+}
+
+/// Marks of a file's splats that were dropped when the scene was loaded again.
+pub(super) struct LostMarks {
+    file: PathBuf,
+    /// True if the scene still has the file, with other splats.
+    is_listed: bool,
+    selected: bool,
+    hidden: bool,
+}
+
+impl fmt::Display for LostMarks {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let name = output::one_line(&self.file.display().to_string()).into_owned();
+        match (self.is_listed, self.selected, self.hidden) {
+            (true, false, _) => write!(f, "{name} changed: its hidden splats are shown again"),
+            (true, true, false) => write!(f, "{name} changed: none of its splats is selected any more"),
+            (true, true, true) => {
+                write!(f, "{name} changed: its hidden splats are shown again, and none is selected")
+            }
+            (false, selected, hidden) => {
+                let lost = match (selected, hidden) {
+                    (true, true) => "selection and its hidden splats",
+                    (true, false) => "selection",
+                    (false, _) => "hidden splats",
+                };
+                write!(f, "{name} is no longer in the list; its {lost} went with it")
+            }
+        }
     }
 }
 
@@ -146,9 +177,9 @@ impl Subject {
     }
 
     /// Maps the marks to a later load of the scene. A file's marks follow it to its new position in a list if it has
-    /// the same splats; otherwise they are dropped, which the returned texts report. A file that a list names several times is matched in
+    /// the same splats; otherwise they are dropped, and returned. A file that a list names several times is matched in
     /// order.
-    pub fn carried_marks(&self, new: &Subject) -> (Marks, Vec<String>) {
+    pub fn carried_marks(&self, new: &Subject) -> (Marks, Vec<LostMarks>) {
         let (mut carried, mut lost) = ([Vec::new(), Vec::new()], Vec::new());
         let mut left = new.parts();
         for part in self.parts() {
@@ -164,15 +195,8 @@ impl Subject {
                     indices.extend(marked.iter().map(|at| at - part.splats.start + own.splats.start));
                 }
             } else {
-                let name = part.file.display().to_string();
-                let name = output::one_line(&name);
-                let change = if its_own.is_some() { "changed" } else { "is no longer in the list" };
-                let marks = match marked.map(|marked| marked.is_empty()) {
-                    [false, false] => "selection and its hidden splats",
-                    [false, true] => "selection",
-                    _ => "hidden splats",
-                };
-                lost.push(format!("{name} {change}; its {marks} went with it"));
+                let [selected, hidden] = marked.map(|marked| !marked.is_empty());
+                lost.push(LostMarks { file: part.file, is_listed: its_own.is_some(), selected, hidden });
             }
         }
         let [selected, hidden] = carried.map(|indices| Arc::new(indices.into_iter().collect()));
