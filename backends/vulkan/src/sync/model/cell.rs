@@ -84,12 +84,15 @@ pub struct Read {
 }
 
 impl Read {
-    /// Applies the barriers of one call, which do not chain.
-    fn pass_through(&mut self, scopes: &[Scope]) {
+    /// Applies the barriers of one call. Returns true if the record changed.
+    fn pass_through(&mut self, scopes: &[Scope]) -> bool {
         let ordered = self.ordered;
-        for scope in scopes.iter().filter(|scope| scope.waits_for(self.named_by, ordered)) {
-            self.ordered |= scope.target_reach;
+        for scope in scopes {
+            if scope.waits_for(self.named_by, ordered) {
+                self.ordered |= scope.target_reach;
+            }
         }
+        self.ordered != ordered
     }
 
     /// Returns the conflict with a write that does not wait for this read.
@@ -118,7 +121,7 @@ pub struct Write {
 }
 
 impl Write {
-    fn pass_through(&mut self, scopes: &[Scope]) {
+    fn pass_through(&mut self, scopes: &[Scope]) -> bool {
         // Barriers of one call do not chain: all of them see the record as it was before the call.
         let before = self.clone();
         for scope in scopes {
@@ -134,6 +137,8 @@ impl Write {
                 }
             }
         }
+        (self.ordered, self.chain, self.visible, self.visible_through_own)
+            != (before.ordered, before.chain, before.visible, before.visible_through_own)
     }
 
     /// Returns the first guarantee about this write that an access lacks; `None` if it lacks none.
@@ -192,8 +197,17 @@ impl Cell {
     pub const FRESH: Cell = Cell { reads: Vec::new(), writes: Vec::new(), contents: Contents::NEVER };
 
     pub fn pass_through(&mut self, scopes: &[Scope]) {
-        self.reads.iter_mut().for_each(|read| read.pass_through(scopes));
-        self.writes.iter_mut().for_each(|write| write.pass_through(scopes));
+        for read in &mut self.reads {
+            read.pass_through(scopes);
+        }
+        for write in &mut self.writes {
+            write.pass_through(scopes);
+        }
+    }
+
+    pub fn is_changed_by(&self, scopes: &[Scope]) -> bool {
+        self.reads.iter().any(|read| read.clone().pass_through(scopes))
+            || self.writes.iter().any(|write| write.clone().pass_through(scopes))
     }
 
     pub fn check_read(&self, stage: Stages, access: Accesses, through: ResourceId) -> Vec<Conflict> {

@@ -2,9 +2,11 @@
 //!
 //! An access that violates the model still takes effect, so that one mistake causes one report.
 //!
-//! A replay walks over positions ([`At`]). A copy of it can continue from any position with other barriers, so a mutant
-//! shares the walk up to its mutation.
+//! A replay walks over positions ([`At`]). It can be interrupted at any position to try other barriers, and then
+//! continued, so a mutant shares the walk up to its mutation. Barriers apply to all memory, so they are stored in a
+//! history ([`Calls`]), and a cell is brought up to date when it is next accessed.
 
+use super::calls::Calls;
 use super::cell::{Cell, Conflict, Contents, Read, Scope, State, Write};
 use super::rules::{Replay, Rules};
 use super::stages::Pairs;
@@ -13,14 +15,19 @@ use crate::sync::barrier::{Barrier, Barriers};
 use splatgraph_framework::ir::{Accesses, Layout, PassId, ResourceId, Shape, Stages, Work};
 use splatgraph_framework::oracle::trace::{Access, Clash, Trace};
 use splatgraph_framework::plan::{Plan, Transition};
+use std::collections::HashSet;
 use std::ops::Range;
 
-#[derive(Clone)]
 pub struct MemoryState<'a> {
     plan: &'a Plan,
     trace: &'a Trace,
     replay: Replay,
     cells: Vec<Cell>,
+    /// The barrier calls so far. `passed` has, for each cell, the number of calls that it has passed through.
+    calls: Calls,
+    passed: Vec<u32>,
+    /// The state to restore after the current trial; `None` outside a trial.
+    before_trial: Option<BeforeTrial>,
     rules: Rules,
     /// The current layout of each resource; meaningless for buffers.
     layouts: Vec<Layout>,
@@ -29,6 +36,15 @@ pub struct MemoryState<'a> {
     /// Number of passes, barrier calls and preparations by the host so far.
     time: u32,
     pub findings: Findings,
+}
+
+/// The state that a trial restores: the cells that it touched, all layouts, the time and the number of calls.
+struct BeforeTrial {
+    cells: Vec<(usize, Cell, u32)>,
+    touched: HashSet<usize>,
+    layouts: Vec<Layout>,
+    time: u32,
+    calls: usize,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,6 +73,9 @@ impl<'a> MemoryState<'a> {
             trace,
             replay,
             cells: vec![Cell::FRESH; trace.cells.len()],
+            calls: Calls::default(),
+            passed: vec![0; trace.cells.len()],
+            before_trial: None,
             rules,
             layouts: vec![Layout::Undefined; trace.resources.len()],
             skipped: Vec::new(),
@@ -69,12 +88,39 @@ impl<'a> MemoryState<'a> {
         memory
     }
 
-    /// Replays other barriers from `at`, on a copy, to the first violation. Returns true if there was one. `findings`
-    /// must be empty, and limited to the first violation.
-    pub fn trial(&self, barriers: &Barriers, at: At) -> bool {
-        let mut copy = self.clone();
-        copy.run_from(barriers, at);
-        !copy.findings.violations.is_empty()
+    /// Returns a cell, after applying the calls that it has not passed through yet.
+    fn cell(&mut self, number: usize) -> &mut Cell {
+        let (cell, passed) = (&mut self.cells[number], &mut self.passed[number]);
+        if let Some(before) = &mut self.before_trial
+            && before.touched.insert(number)
+        {
+            before.cells.push((number, cell.clone(), *passed));
+        }
+        self.calls.pass(cell, passed);
+        cell
+    }
+
+    /// Replays other barriers from `at` to the first violation, then restores the state. Returns true if there was a
+    /// violation. `findings` must be empty before, and limited to the first violation.
+    pub fn trial(&mut self, barriers: &Barriers, at: At) -> bool {
+        self.before_trial = Some(BeforeTrial {
+            cells: Vec::new(),
+            touched: HashSet::new(),
+            layouts: self.layouts.clone(),
+            time: self.time,
+            calls: self.calls.len(),
+        });
+        self.run_from(barriers, at);
+        let found = !self.findings.violations.is_empty();
+        self.findings.violations.clear();
+        if let Some(before) = self.before_trial.take() {
+            for (number, cell, passed) in before.cells {
+                (self.cells[number], self.passed[number]) = (cell, passed);
+            }
+            (self.layouts, self.time) = (before.layouts, before.time);
+            self.calls.truncate(before.calls);
+        }
+        found
     }
 
     /// Marks cells as written through `resource` before the replay, and visible everywhere.
@@ -202,7 +248,7 @@ impl<'a> MemoryState<'a> {
         let (copy, trace, time) = (self.copy(When::Frame(frame)), self.trace, self.time);
         for (index, place) in trace.resources.iter().enumerate().filter(|(_, place)| place.per_frame()) {
             for number in place.cells(copy) {
-                let cell = &mut self.cells[number];
+                let cell = self.cell(number);
                 cell.fence(finished);
                 if !place.host_writes {
                     continue;
@@ -275,7 +321,7 @@ impl<'a> MemoryState<'a> {
                 }
             }
         }
-        self.cells.iter_mut().for_each(|cell| cell.pass_through(&scopes));
+        self.calls.add(barriers);
         for scope in &scopes {
             if let Some(image) = scope.transition() {
                 self.transition(scope, image, change(image.image));
@@ -286,7 +332,7 @@ impl<'a> MemoryState<'a> {
     fn check_transition(&mut self, scope: &Scope, image: Transition, actor: Actor) {
         for number in self.trace.resource(image.image).cells(0) {
             let rules = self.rules;
-            let conflicts = self.cells[number].check_transition(scope, rules, actor.when);
+            let conflicts = self.cell(number).check_transition(scope, rules, actor.when);
             self.conflict(conflicts, actor, image.image, number);
         }
     }
@@ -303,7 +349,7 @@ impl<'a> MemoryState<'a> {
     fn transition(&mut self, scope: &Scope, change: Transition, actor: Actor) {
         let time = self.time;
         for number in self.trace.resource(change.image).cells(0) {
-            let cell = &mut self.cells[number];
+            let cell = self.cell(number);
             cell.record_write(Write {
                 actor,
                 resource: change.image,
@@ -379,7 +425,7 @@ impl<'a> MemoryState<'a> {
         for access in actions.accesses.iter().filter(|access| !access.writes()) {
             let time = self.time;
             for number in access.cells(copy) {
-                self.cells[number].record_read(Read {
+                self.cell(number).record_read(Read {
                     actor,
                     resource: access.resource,
                     time,
@@ -396,7 +442,7 @@ impl<'a> MemoryState<'a> {
         let fresh = self.trace.resource(resource).fresh.then_some(actor.when);
         let rules = self.rules;
         for number in access.cells(copy) {
-            let cell = &mut self.cells[number];
+            let cell = self.cell(number);
             let conflicts = if access.writes() {
                 cell.check_write(stage, bit, resource, rules)
             } else {
@@ -426,7 +472,7 @@ impl<'a> MemoryState<'a> {
     fn record_write(&mut self, access: &Access, actor: Actor, copy: u32) {
         let time = self.time;
         for number in access.cells(copy) {
-            let cell = &mut self.cells[number];
+            let cell = self.cell(number);
             cell.record_write(Write {
                 actor,
                 resource: access.resource,

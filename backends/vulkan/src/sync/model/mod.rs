@@ -31,6 +31,7 @@ use crate::sync::barrier::Barriers;
 use splatgraph_framework::oracle::trace::Trace;
 use splatgraph_framework::plan::Plan;
 
+mod calls;
 mod cell;
 mod memory_state;
 pub mod mutate;

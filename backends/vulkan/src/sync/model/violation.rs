@@ -183,7 +183,6 @@ impl Violation {
     }
 }
 
-#[derive(Clone)]
 pub(super) struct Findings {
     pub violations: Vec<Violation>,
     pub first_only: bool,

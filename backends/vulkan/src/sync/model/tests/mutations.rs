@@ -1,5 +1,6 @@
 //! Tests that mutations cover every barrier, and that minimal barriers have no needless bit.
 
+use super::memory_state::At;
 use super::mutate::{Mutation, apply, mutations, needless};
 use super::*;
 use splatgraph_framework::ir::Layout::{ColorTarget, General, TransferSource, Undefined};
@@ -54,6 +55,28 @@ fn a_minimal_plan_is_sufficient_and_nothing_in_it_is_needless() {
             describe(&mutation)
         );
     }
+}
+
+#[test]
+fn a_trial_leaves_the_replay_as_it_was() {
+    let sketch = minimal();
+    // Without the frame's layout changes, most positions give violations.
+    let mut worse = minimal();
+    worse.barriers.before[2..].iter_mut().for_each(|call| call.retain(|barrier| barrier.image.is_none()));
+    let trace = Trace::new(&sketch.plan, 2);
+    let mut memory = MemoryState::new(&sketch.plan, &trace, Replay::default(), Rules::HAZARDS, true);
+    let mut next = Some(memory.start());
+    let mut trials = 0;
+    while let Some(at) = next {
+        // Late in the last frame, the remaining steps may give none.
+        let found = memory.trial(&worse.barriers, at);
+        assert!(found || at == At::Frame(3, 0) || trials > 3, "{at:?}");
+        assert_eq!(memory.findings.violations, []);
+        trials += 1;
+        next = memory.advance(&sketch.barriers, at);
+    }
+    assert_eq!(memory.findings.violations, [], "the plan has none, whatever was tried in between");
+    assert!(trials > 12);
 }
 
 #[test]
