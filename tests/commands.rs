@@ -129,6 +129,10 @@ fn every_command_has_completions_and_a_manual_page() {
     let place = Place::empty();
     let help = place.done("--help");
     let commands: Vec<&str> = listed_commands(&help).into_iter().filter(|name| *name != "help").collect();
+    assert!(
+        ["view", "render", "bench", "sweep", "advise"].iter().all(|name| commands.contains(name)),
+        "{help}"
+    );
     for shell in ["bash", "elvish", "fish", "powershell", "zsh"] {
         let script = place.done(&["completions", shell]);
         for word in commands.iter().chain(&["pipeline", "fish"]) {

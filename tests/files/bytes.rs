@@ -41,6 +41,7 @@ fn names_that_are_not_valid_utf_8_are_read_written_and_reported() {
         let found: Value = serde_json::from_str(&text).expect("JSON");
         assert_eq!(found["scene"], "\u{fffd}\u{fffd}.ply", "{line}: {errors}");
     }
+    assert!(run(&place, "info @@.ply", 1).1.contains("\u{fffd}\u{fffd}\u{fffd}\u{fffd}.ply"));
     let (_, errors) = done(&place, "render @.ply -p unsorted -o @/a.png");
     assert!(errors.contains("the camera is the first of \u{fffd}\u{fffd}.cameras.json"), "{errors}");
     fs::copy(place.at(OsStr::from_bytes(b"\xff\xfe/a.png")), place.at(OsStr::from_bytes(b"\xff\xfe/@.png")))

@@ -253,6 +253,7 @@ pub fn scene_facts(path: Option<&Path>, load: &LoadOptions) -> Result<(SceneFact
 #[cfg(test)]
 mod tests {
     use super::*;
+    use splatgraph_assets::synth;
 
     #[test]
     fn a_scene_with_a_similar_name_and_the_only_one_of_a_folder_are_suggested() {
@@ -270,5 +271,23 @@ mod tests {
         assert_eq!((near("splat.ply"), near("garden.spz")), (None, None));
         std::fs::write(folder.path().join("other.spz"), "").unwrap();
         assert_eq!(near(""), None);
+    }
+    #[test]
+    fn the_default_camera_frames_the_scene_in_a_picture_of_any_shape() {
+        let scene = synth::generate("uniform", 500, 0).unwrap();
+        for size in [(300, 600), (300, 300), (960, 540), (900, 100)] {
+            let camera = cameras_of(&scene, None, Some(size)).remove(0);
+            assert_eq!((camera.width, camera.height), size);
+            let corners = scene.robust_bounds().corners().map(|corner| camera.to_view(corner));
+            let reach = |axis: usize, focal: f64, side: u32| {
+                let of = |view: &[f64; 3]| (view[axis] / view[2] * focal).abs() / (0.5 * f64::from(side));
+                corners.iter().map(of).fold(0.0, f64::max)
+            };
+            let widest = reach(0, camera.fx, size.0).max(reach(1, camera.fy, size.1));
+            assert!((0.9..0.93).contains(&widest), "{size:?}: {widest}");
+        }
+        let given = vec![Camera::framing(&scene, 200, 100)];
+        let wide = cameras_of(&scene, Some(given.clone()), Some((300, 100))).remove(0);
+        assert_eq!(wide.fy, given[0].fy, "a camera of a file keeps its vertical field of view");
     }
 }

@@ -157,8 +157,8 @@ pub struct Swap {
     pub causes: Causes,
     /// Number of passes in the new plan's frame.
     pub passes: usize,
-    /// Difference from the plan of the former frame, such as `63 → 75 passes: sort 12 → 24`. `None` if each phase has as
-    /// many passes as before.
+    /// Difference from the plan of the former frame, such as `63 → 75 passes: sort 12 → 24`. `None` if each phase has
+    /// as many passes as before.
     #[serde(skip)]
     pub effect: Option<String>,
     /// True if the files or parameters changed, but not the commands. The device keeps its buffers and images, so that a

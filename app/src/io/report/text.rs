@@ -51,8 +51,8 @@ pub fn quoted(cell: &str) -> String {
     format!("\"{}\"", cell.replace('"', "\"\""))
 }
 
-/// Formats a CSV (RFC 4180) from its header and its lines, which have no line breaks at their ends. `more` are columns that
-/// each line gets: their names in the header, and their values, quoted, in the others.
+/// Formats a CSV (RFC 4180). The header and the lines lack their line breaks. `more` are columns to append: a name, and
+/// the same value in each line.
 pub fn csv(header: &str, lines: impl IntoIterator<Item = String>, more: &[(&str, &str)]) -> String {
     let names: String = more.iter().map(|(name, _)| format!(",{name}")).collect();
     let values: String = more.iter().map(|(_, value)| format!(",{}", quoted(value))).collect();

@@ -141,9 +141,11 @@ pub fn rank(wanted: &str, names: &[&str], about: &str) -> Option<u8> {
 }
 
 /// Draws the contents of an open list: a search field, a button that opens a file if `opens`, and the items that have a
-/// rank for the searched text (in lower case), the best match first. `name` is the name of the field for scripts. Returns
-/// the item that is clicked, or the best match if Enter is pressed and the field is not empty, and closes the list. `row`
-/// draws an item, and returns its name for scripts.
+/// rank for the searched text (in lower case), the best match first. `name` is the name of the field for scripts.
+/// `row` draws an item, and returns its name for scripts.
+///
+/// Returns the item that is clicked, or the best match if Enter is pressed and the field is not empty, and closes the
+/// list.
 ///
 /// When the list opens, the field is empty and has the keyboard focus, and the current item is in view. Down in the
 /// field moves the focus to that item, or to the best match.
@@ -249,7 +251,8 @@ pub fn choice<T: PartialEq, S: AsRef<str>>(
         }
     });
     return_focus(ui, &list.response);
-    list.response.named(name);
+    // A long name is cut.
+    list.response.named(name).hint(shown);
 }
 
 /// Creates a plot of times in milliseconds, without zooming and panning. `height` is in points.

@@ -43,7 +43,7 @@ impl Choice {
 /// Inputs of a plan, other than its files and parameters.
 #[derive(Clone)]
 pub struct PlanInputs {
-    /// The scene to draw; `None` for the window's graph, which gets the imports of [`crate::view::paint::offer`] instead.
+    /// The scene to draw; `None` for the window's graph, which gets the imports of [`crate::view::paint::offer`].
     pub scene: Option<Arc<Scene>>,
     /// Size of the picture, in pixels.
     pub size: (u32, u32),

@@ -4,9 +4,9 @@
 //! is recent, and compares hashes of the contents ([`Watcher::of_large_files`] compares only metadata). A look follows
 //! symlinks, and takes 0.1 ms for a hundred files.
 //!
-//! An event of the operating system in a wanted file's folder makes the next look earlier, and no more: events come in
-//! bursts, are often spurious, do not cover links and folders that are yet to be created, and are missing on network
-//! drives. It is the folder that has events, because most editors save by replacing the file.
+//! An event of the operating system in a wanted file's folder only triggers a look: events come in bursts, are often
+//! spurious, do not cover links and folders that are yet to be created, and are missing on network drives. The watcher
+//! asks for the events of folders, not of files, because most editors save by replacing the file.
 
 mod subject;
 #[cfg(test)]
@@ -96,6 +96,7 @@ impl Watcher {
             patience,
             events: events(inbox.clone()),
             folders: BTreeSet::new(),
+            stale: false,
             found: found.clone(),
             wake,
             subjects: Vec::new(),
@@ -154,6 +155,8 @@ const PATIENCE: Patience = Patience {
 
 /// Part of the time that looks may take: one in this many. On a slow network drive, they are less frequent.
 const SHARE: u32 = 20;
+/// Maximum interval between looks that take long.
+const MAX_INTERVAL: Duration = Duration::from_secs(2);
 
 fn lock(found: &Mutex<Option<Found>>) -> MutexGuard<'_, Option<Found>> {
     // Nothing panics while it holds the lock.
@@ -188,6 +191,8 @@ struct LookOut<Wake> {
     events: Option<RecommendedWatcher>,
     /// The folders that send events.
     folders: BTreeSet<PathBuf>,
+    /// True if one of the folders may have been replaced, and its events are those of the former one.
+    stale: bool,
     found: Arc<Mutex<Option<Found>>>,
     wake: Wake,
     subjects: Vec<Subject>,
@@ -213,7 +218,10 @@ impl<Wake: Fn()> LookOut<Wake> {
                 match message {
                     Message::Stop => return,
                     Message::Watch(wanted) => self.want(wanted),
-                    Message::Event(paths) => looks |= self.concerns(&paths),
+                    Message::Event(paths) => {
+                        looks |= self.concerns(&paths);
+                        self.stale |= paths.iter().any(|path| self.folders.contains(path));
+                    }
                     #[cfg(test)]
                     Message::Answer(to) => _ = to.send(()),
                 }
@@ -254,27 +262,39 @@ impl<Wake: Fn()> LookOut<Wake> {
         }
     }
 
-    /// Asks for the events of the wanted files' folders. A folder that is missing, or that the system cannot watch, has none:
-    /// the regular looks suffice.
+    /// Asks for the events of the wanted files' folders. The regular looks suffice for a folder that is missing, or that
+    /// the system cannot watch.
     fn listen(&mut self) {
         let Some(events) = &mut self.events else { return };
         let folders: BTreeSet<PathBuf> =
             self.subjects.iter().filter_map(|subject| Some(subject.path.parent()?.to_owned())).collect();
+        // Some systems begin all their events anew for any change.
+        if folders == self.folders && !self.stale {
+            return;
+        }
         let mut paths = events.paths_mut();
-        for folder in self.folders.difference(&folders) {
+        for folder in &self.folders {
             let _ = paths.remove(folder);
         }
-        // All of them, because a folder may have been replaced by another.
         for folder in &folders {
             let _ = paths.add(folder, RecursiveMode::NonRecursive);
         }
         let _ = paths.commit();
         self.folders = folders;
+        self.stale = false;
     }
 
-    /// Returns true if an event at these paths may be one of a wanted file.
+    /// Returns true if an event at these paths may be one of a wanted file. The names are compared, because some systems
+    /// report other folders for a path through a link.
     fn concerns(&self, paths: &[PathBuf]) -> bool {
-        paths.is_empty() || self.subjects.iter().any(|subject| paths.contains(&subject.path))
+        let is_wanted = |path: &PathBuf| {
+            path.file_name().is_some_and(|name| {
+                self.subjects.iter().any(|subject| {
+                    subject.path.file_name().is_some_and(|wanted| wanted.eq_ignore_ascii_case(name))
+                })
+            })
+        };
+        paths.is_empty() || paths.iter().any(is_wanted)
     }
 
     /// Rereads the files that may have changed.
@@ -285,7 +305,7 @@ impl<Wake: Fn()> LookOut<Wake> {
             subject.weigh(now);
         }
         self.looked = now;
-        self.next_round = now + self.patience.interval.max(SHARE * now.elapsed());
+        self.next_round = now + self.patience.interval.max((SHARE * now.elapsed()).min(MAX_INTERVAL));
     }
 
     /// Reports the changes that are due, unless they should wait for other files.
