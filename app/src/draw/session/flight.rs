@@ -183,8 +183,8 @@ impl Session {
         }
     }
 
-    /// Restores the histories to their contents before an incomplete frame that cannot be repeated, so that later frames
-    /// do not read a part of it. Without memory for this, the part stays.
+    /// Restores the histories to their contents before an incomplete frame that cannot be repeated, so that later
+    /// frames do not read a part of it. Without memory for this, the part stays.
     fn undo(&mut self, plan: &Plan, share: bool) {
         if let (true, Some((_, size))) = (saves_histories(plan), &self.loaded) {
             _ = self.load(*size, Former::Frame { shares_results: share }, &mut |_| {});

@@ -14,7 +14,7 @@ mod tests;
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::iter;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
@@ -263,11 +263,12 @@ impl<Wake: Fn()> LookOut<Wake> {
     }
 
     /// Asks for the events of the wanted files' folders. The regular looks suffice for a folder that is missing, or that
-    /// the system cannot watch.
+    /// the system cannot report on.
     fn listen(&mut self) {
         let Some(events) = &mut self.events else { return };
+        let folders = self.subjects.iter().filter_map(|subject| subject.path.parent());
         let folders: BTreeSet<PathBuf> =
-            self.subjects.iter().filter_map(|subject| Some(subject.path.parent()?.to_owned())).collect();
+            folders.filter(|folder| folder.is_dir()).map(Path::to_owned).collect();
         // Some systems begin all their events anew for any change.
         if folders == self.folders && !self.stale {
             return;

@@ -2,7 +2,6 @@
 //! is reported, a test saves another file afterwards; only that one may be reported.
 
 use std::fs;
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::*;
