@@ -43,7 +43,7 @@ pub struct Report {
     pub opacity: OpacityReport,
     /// Splats that are large relative to the scene.
     pub size: SizeReport,
-    /// Positions of the splats.
+    /// Bounds and precision of the splats' positions, and the number of outliers.
     pub place: PlaceReport,
     /// Depth range of the splats, per camera.
     pub depth: Vec<DepthReport>,
@@ -71,7 +71,7 @@ pub struct SizeReport {
     pub robust_extent: f64,
 }
 
-/// Positions of the splats, in the world's coordinates.
+/// Bounds and precision of the splats' positions, in the world's coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PlaceReport {
     /// The scene's origin, which is subtracted from positions and cameras before they are rounded to f32.

@@ -177,7 +177,7 @@ pub fn apart(graph: &str) -> Plan {
     plan_with(&[("graph.ron", graph)], &[], &[], false).unwrap_or_else(|errors| panic!("{errors}"))
 }
 
-/// Returns the errors of a graph, which must have some.
+/// Builds a graph as [`plan`] does, and returns its errors; panics if there are none.
 pub fn error_of(graph: &str) -> String {
     try_plan_of(&[("graph.ron", graph)], &[]).expect_err("the graph has a mistake")
 }

@@ -13,7 +13,7 @@ pub struct Recipe {
     pub buffers: Vec<BufferWish>,
     pub images: Vec<ImageWish>,
     pub items: Vec<Item>,
-    /// Resources that the last pass reads, besides the one written last.
+    /// Resources that the output pass reads, besides the one that the passes before it wrote most recently.
     pub shown: Vec<Pick>,
     /// True if the last pass draws to its image, false if it stores to it.
     pub drawn: bool,

@@ -108,7 +108,7 @@ impl Outputs {
     }
 }
 
-/// A command whose views several processes can share.
+/// A command whose views can be divided among several processes.
 pub trait Work: Send {
     /// Names the views, and the files of their results. [`Job::new`] calls it once.
     fn outputs(&self) -> Outputs;

@@ -131,7 +131,7 @@ impl BackendError {
         }
     }
 
-    /// Returns the class of the error.
+    /// Returns how to recover from the error.
     pub fn recovery(&self) -> Recovery {
         match self {
             BackendError::Busy { .. }

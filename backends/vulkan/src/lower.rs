@@ -35,7 +35,7 @@ pub(crate) struct Subgroups {
 /// Everything that a device's pipeline depends on, and the name of its first shader.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct PipelineKey {
-    /// Shaders are numbered from 0, in the order of `spirv`.
+    /// Shaders are indices into `spirv`, so that equal pipelines of different plans have equal keys.
     state: PipelineState,
     interface: Interface,
     pub subgroups: Subgroups,

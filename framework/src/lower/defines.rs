@@ -19,7 +19,9 @@ pub(super) struct Constants {
     pub of: BTreeMap<String, Vec<Constant>>,
 }
 
-/// A constant of a graph, or a live parameter, which is a variable of its own name in shaders.
+/// What a name in shaders stands for: a constant, an option of a choice, or a live parameter.
+///
+/// A live parameter is a variable, not a define, and keeps its name.
 #[derive(Debug)]
 pub(super) struct Constant {
     pub name: String,

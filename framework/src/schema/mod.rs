@@ -341,7 +341,8 @@ pub enum ResourceDecl {
         format: Expression,
         /// Width and height in pixels.
         size: (Number, Number),
-        /// Keeps the contents, as for buffers. A resized image starts from zeros.
+        /// True to keep the contents from frame to frame, as for buffers. After a change of size, the first frame reads
+        /// zeros.
         #[serde(default = "no")]
         history: Number,
     },
@@ -455,7 +456,7 @@ pub enum PassDecl {
 }
 
 impl PassDecl {
-    /// Returns the condition; `None` if there is none.
+    /// Returns the condition of a pass. `Repeat` and `Swap` have none.
     pub fn when(&self) -> Option<&Number> {
         match self {
             PassDecl::Dispatch { when, .. }

@@ -200,7 +200,7 @@ pub struct Navigation {
     unmoved: Option<Camera>,
     flight: Option<Flight>,
     start: Camera,
-    /// True if the user set the field of view, which then stays on return to the first camera.
+    /// True if the user set the field of view after the last camera was selected. `home` then keeps it.
     own_field_of_view: bool,
     up: DVec3,
     bounds: Bounds,

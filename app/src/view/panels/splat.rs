@@ -90,7 +90,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     }
 }
 
-/// Draws the outline of the picked splat, if there is one, under the current camera.
+/// Draws the outline of the picked splat, if there is one, as the current camera sees it.
 pub fn draw_outline(ui: &Ui, viewer: &Viewer, view: Rect) {
     let Some(splat) = viewer.picked.as_ref().and_then(|picked| picked.splat()) else { return };
     let id = viewer.picked_in();

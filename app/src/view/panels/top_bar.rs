@@ -28,9 +28,9 @@ const UPS: [(&str, [f64; 3]); 4] =
 /// Width of buttons with file titles, in points.
 const TITLE: f32 = 132.0;
 
-/// Width of the frame time, in points.
+/// Minimum width for the frame time, in points. With less space, it is hidden.
 const TIME: f32 = 120.0;
-/// Width of the device name and splat count beside the frame time, in points.
+/// Minimum width for the device name and splat count beside the frame time, in points. With less space, they are hidden.
 const DEVICE: f32 = 320.0;
 
 /// Draws a button of a fixed `width` that opens a list below it. The list stays open until a click outside. The title

@@ -159,7 +159,7 @@ impl PendingBuild {
 
 pub(super) struct Crowded {
     pub reason: String,
-    /// Time of the next attempt; `None` if retrying cannot succeed.
+    /// Time from which frames may request more capacity again; `None` to wait for another change.
     pub retry: Option<Instant>,
 }
 

@@ -115,7 +115,7 @@ pub(super) fn least(mut masks: Masks, mut is_enough: impl FnMut(&Masks) -> bool)
 }
 
 /// Returns the causes of a barrier that meets the requirements, each with its masks. Requirements of one pass are
-/// merged if resource, alias and frame are equal; writes after reads stay separate.
+/// merged if resource, alias and frame are equal, but writes after reads only with each other.
 pub(super) fn causes(needs: &[Requirement]) -> Vec<(Cause, Masks)> {
     let mut causes: Vec<(Cause, Masks)> = Vec::new();
     for need in needs {

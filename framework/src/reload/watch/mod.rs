@@ -191,7 +191,7 @@ struct LookOut<Wake> {
     events: Option<RecommendedWatcher>,
     /// The folders that send events.
     folders: BTreeSet<PathBuf>,
-    /// True if one of the folders may have been replaced, and its events are those of the former one.
+    /// True if a folder may have been replaced. Its watch is then that of the old folder, until `listen` renews it.
     stale: bool,
     found: Arc<Mutex<Option<Found>>>,
     wake: Wake,
