@@ -419,12 +419,12 @@ pub(crate) mod tests {
         let message = compare((&grey(2, 3, 0.0)).into(), (&grey(3, 2, 0.0)).into()).unwrap_err().to_string();
         assert_eq!(message, "expected pictures of the same size, found 2 x 3 and 3 x 2");
         let mut bad = grey(3, 2, 0.0);
-        bad.rgb[4][1] = f32::NAN;
+        bad.rgb[4] = [0.0, f32::NAN, f32::NAN];
         bad.rgb[5][2] = f32::INFINITY;
         let message = compare((&grey(3, 2, 0.0)).into(), (&bad).into()).unwrap_err().to_string();
         assert_eq!(
             message,
-            "expected finite values, found NaN or infinity in the second picture: 2 in all, the first at (1, 1)"
+            "expected finite values, found NaN or infinity in the second picture, at 2 pixels, the first (1, 1)"
         );
     }
 }
