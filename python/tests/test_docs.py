@@ -12,8 +12,6 @@ from conftest import ROOT, random_splats
 
 PAGES = ["docs/python.md", "README.md", "python/README.md"]
 LISTINGS = [(page, text) for page in PAGES for text in re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)]
-# Some listings start Ray.
-pytestmark = pytest.mark.xdist_group("ray")
 CAMERA = {"width": 64, "height": 48, "position": [0, 0, -3], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "fx": 60, "fy": 60}
 
 

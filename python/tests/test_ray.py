@@ -16,9 +16,6 @@ from conftest import random_splats
 ray = pytest.importorskip("ray", reason="Ray cannot be installed")
 from ray.cluster_utils import Cluster
 
-# Clusters of one machine share ports.
-pytestmark = pytest.mark.xdist_group("ray")
-
 
 def prepared(folder, views, size):
     """Writes a scene, and a camera for each of `views` views."""
