@@ -73,7 +73,7 @@ pub struct ImageWish {
 #[derive(Clone, Copy, Debug)]
 pub struct Pick {
     pub index: u8,
-    /// What the resource is used for; `None` for any resource.
+    /// Uses of the resource; `None` for any resource.
     pub want: Option<Half>,
 }
 

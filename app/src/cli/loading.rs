@@ -272,6 +272,7 @@ mod tests {
         std::fs::write(folder.path().join("other.spz"), "").unwrap();
         assert_eq!(near(""), None);
     }
+
     #[test]
     fn the_default_camera_frames_the_scene_in_a_picture_of_any_shape() {
         let scene = synth::generate("uniform", 500, 0).unwrap();

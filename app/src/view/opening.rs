@@ -199,6 +199,7 @@ fn load_cameras(path: &Path) -> Result<Vec<Camera>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use splatgraph_assets::synth;
     use std::time::Duration;
 
     fn waited<T>(mut take: impl FnMut() -> Option<T>) -> T {
@@ -210,6 +211,28 @@ mod tests {
             assert!(begun.elapsed() < Duration::from_secs(60), "nothing is opened");
             std::thread::sleep(Duration::from_millis(2));
         }
+    }
+
+    #[test]
+    fn of_two_scenes_the_last_is_opened_also_if_the_first_takes_longer() {
+        let folder = tempfile::tempdir().unwrap();
+        let (slow, fast) = (folder.path().join("slow.ply"), folder.path().join("fast.ply"));
+        synth::generate("demo", 200_000, 0).unwrap().write_ply(&slow).unwrap();
+        synth::generate("demo", 100, 0).unwrap().write_ply(&fast).unwrap();
+        let mut opening = Opening::new(&(Arc::new(|| {}) as Wake));
+        opening.open_scene(RendererId::A, &slow).unwrap();
+        opening.open_scene(RendererId::A, &fast).unwrap();
+        assert_eq!(opening.scene(RendererId::A), Some(fast.as_path()));
+        let opened = waited(|| opening.take_scene(RendererId::A));
+        assert_eq!(opened.path, fast);
+        let Ok((_, Ok(OpenedScene { scene, cameras: None, .. }))) = opened.content else {
+            panic!("{} is no scene without cameras", fast.display());
+        };
+        assert_eq!(scene.count(), 100);
+        assert!(!opening.busy());
+        // The slow scene does not arrive later either.
+        std::thread::sleep(Duration::from_millis(300));
+        assert!(opening.take_scene(RendererId::A).is_none());
     }
 
     #[test]

@@ -19,7 +19,7 @@ pub(super) struct Constants {
     pub of: BTreeMap<String, Vec<Constant>>,
 }
 
-/// What a name in shaders stands for: a constant, an option of a choice, or a live parameter.
+/// The meaning of a name in shaders: a constant, an option of a choice, or a live parameter.
 ///
 /// A live parameter is a variable, not a define, and keeps its name.
 #[derive(Debug)]

@@ -15,7 +15,7 @@ use egui::{Button, RichText, Slider, Ui};
 use splatgraph_assets::{Camera, Projection};
 use std::path::Path;
 
-/// What a click on a list does, once the list is drawn.
+/// The act of a click on a list, carried out once the list is drawn.
 type Act = Option<Box<dyn FnOnce(&mut Viewer)>>;
 
 /// Draws the tool. The copied command line is that of the viewport `selected`.

@@ -13,6 +13,7 @@ mod subject;
 mod tests;
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::ffi::OsStr;
 use std::iter;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -288,14 +289,11 @@ impl<Wake: Fn()> LookOut<Wake> {
     /// Returns true if an event at these paths may be one of a wanted file. The names are compared, because some systems
     /// report other folders for a path through a link.
     fn concerns(&self, paths: &[PathBuf]) -> bool {
-        let is_wanted = |path: &PathBuf| {
-            path.file_name().is_some_and(|name| {
-                self.subjects.iter().any(|subject| {
-                    subject.path.file_name().is_some_and(|wanted| wanted.eq_ignore_ascii_case(name))
-                })
-            })
+        let mut wanted = self.subjects.iter().filter_map(|subject| subject.path.file_name());
+        let is_named = |name: &OsStr| {
+            paths.iter().any(|path| path.file_name().is_some_and(|own| own.eq_ignore_ascii_case(name)))
         };
-        paths.is_empty() || paths.iter().any(is_wanted)
+        paths.is_empty() || wanted.any(is_named)
     }
 
     /// Rereads the files that may have changed.

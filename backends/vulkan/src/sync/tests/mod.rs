@@ -8,6 +8,7 @@ mod testing;
 use super::*;
 use splatgraph_framework::ir::Run;
 use testing::{apart, dispatch, frame, graph};
+
 /// Solves a graph without aliasing.
 fn solved(passes: &[String]) -> Plan {
     apart(&graph("", &passes.join("\n")))
