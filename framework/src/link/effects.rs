@@ -69,7 +69,7 @@ pub(super) fn mentioned(
             return ParamSet::new();
         }
         let names = known.entry(key).or_insert_with(|| {
-            // [`missing`] lists it.
+            // [`missing`] lists shaders without a file.
             let Ok(file) = files.find(Some(removed.file), name, Kind::Shader) else {
                 return BTreeSet::new();
             };

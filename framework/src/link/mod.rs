@@ -68,7 +68,7 @@ pub fn link(
     let (missing, mentioned) = files.aside(|files| {
         (effects::missing(&lowered, files), effects::mentioned(&lowered, &passes, files, compiler))
     });
-    // Found again in vain, the paths count as looked at: a new file there mends the error.
+    // The repeated search records the paths that it tries, so creating a missing file triggers a rebuild.
     let error = |(file, shader): &(_, ShaderName)| {
         Some(files.find(Some(*file), &shader.name, Kind::Shader).err()?.at(shader.span))
     };

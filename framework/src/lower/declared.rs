@@ -342,7 +342,7 @@ impl Collect<'_, '_> {
             around: Vec::new(),
         });
         let mut found = Parameters { all: own.collect(), ..Parameters::default() };
-        // The walk over the passes reports it.
+        // The walk over the passes reports includes that are nested too deeply.
         if self.around.len() > MAX_DEPTH {
             return Ok(Rc::new(found));
         }

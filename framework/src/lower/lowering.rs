@@ -16,7 +16,7 @@ use crate::ir::{Domain, EXPORT, FileId, HOST, Param, ParamSet, Request, Resource
 use crate::schema::{Expression, Graph, Number};
 use crate::source::{Diagnostic, Place, SourceMap};
 
-/// The includer refers to an included graph's output by the include's name, a dot, and this name.
+/// Name of an included graph's output: the includer refers to it as `include.picture`.
 pub(super) const PICTURE: &str = "picture";
 
 /// Maximum number of passes after repeats, so that a typing error cannot exhaust memory.
@@ -269,7 +269,7 @@ impl<'a> Lowering<'a> {
         let Constants { defines, unfit, params: constants, of } = defines(&names, &params);
         for (define, mut of) in of {
             let places = || declarations_of(&define, opened, &params);
-            // The place of an exposed parameter is in the included graph, which reports it.
+            // An exposed parameter has no place here: the graph that declares it reports the error.
             if is_macro(&define)
                 && defines.iter().any(|(name, _)| *name == define)
                 && let Some(place) = places().first()

@@ -36,7 +36,7 @@ struct Text<'a> {
 ///
 /// A setting of an unknown parameter, or outside the parameter's domain, is an error. If `rejected` is given, a
 /// setting of the request is ignored instead, and the parameter's name is added to `rejected`. Parameters with
-/// errors, and those that depend on them, are missing in the result.
+/// errors, and those that depend on them, are missing from the result.
 pub(super) fn resolve(
     root: &Opened,
     parameters: &Parameters,
@@ -254,7 +254,8 @@ fn any(kind: &ParamKind) -> Domain {
     }
 }
 
-/// Returns the name of the statistic that a parameter grows with, or `None`. The declaring graph must have it.
+/// Returns the name of the statistic that a parameter grows with; `None` if it does not grow. Fails for a live
+/// parameter, and if the declaring graph lacks the statistic.
 fn grows(declared: &Declared) -> Result<Option<String>, Diagnostic> {
     let declaration = declared.declaration();
     let ParamKind::Int { grows: Some(name), .. } = declaration.kind() else { return Ok(None) };

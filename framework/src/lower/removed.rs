@@ -86,7 +86,7 @@ impl Parts<'_> {
 }
 
 impl Lowering<'_> {
-    /// Reports names in a removed pass or include that nothing has, and lists its shaders in
+    /// Reports unknown names in a removed pass or include, and lists its shaders in
     /// [`Lowered::removed_shaders`](super::lowered::Lowered::removed_shaders). Does not evaluate numbers: the condition
     /// that removes the pass may protect them.
     pub(super) fn check_removed(&mut self, level: &mut Level, pass: &PassDecl, place: &Place) {

@@ -266,8 +266,8 @@ impl Lowering<'_> {
     }
 
     /// Looks up a reference of a removed pass, like [`Self::look_up`]. Only a name that no graph declares is an error:
-    /// the condition that removes the pass may also remove an include, or a history. If a constant holds the name, or an
-    /// expression chooses it, it is no error either: the condition may test the same, as in `source != 'none'`.
+    /// the condition that removes the pass may also remove an include, or a history. A name that a constant holds or an
+    /// expression chooses is not an error either: the condition may test that name, as in `source != 'none'`.
     pub(super) fn look_up_removed(
         &self,
         level: &Level,

@@ -90,7 +90,7 @@ pub fn add_dependencies(plan: &mut Plan) {
 }
 
 /// Creates the last passes of a frame: the export, which prepares outputs for copies, and, if there are statistics, the
-/// host pass, which reads them. In that case, the export copies them to a buffer that this adds to `lowered`.
+/// host pass, which reads them. In that case, the export copies them to a buffer that this function adds to `lowered`.
 fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
     let span = lowered.output_span;
     let touch =

@@ -126,7 +126,7 @@ impl Sources {
         self.scans().flat_map(|scan| &scan.identifiers).map(String::as_str).collect()
     }
 
-    /// Lists the identifiers that do not only follow dots, as fields and swizzles do.
+    /// Lists the identifiers, except those that only follow dots (fields and swizzles).
     pub fn names(&self) -> BTreeSet<&str> {
         self.units.iter().flat_map(|unit| scan::names(&unit.text)).collect()
     }

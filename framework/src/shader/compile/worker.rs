@@ -196,7 +196,7 @@ fn crashed() -> Failure {
     )
 }
 
-/// A running worker. Dropping it ends it.
+/// A running worker. Dropping this value ends the process.
 #[derive(Debug)]
 struct Process {
     child: Child,
