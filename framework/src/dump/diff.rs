@@ -46,7 +46,7 @@ pub struct DiffSide {
 /// A property, parameter or fact with different values.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PropertyChange {
-    /// Its name.
+    /// Name of the property, parameter or fact.
     pub name: String,
     /// Value in the first dump; `None` if only the second has the property.
     pub a: Option<String>,

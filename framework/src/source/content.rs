@@ -72,8 +72,8 @@ impl Content {
         read.unwrap_or(Content::Unusable)
     }
 
-    /// Returns the contents of `path` by the metadata of its file, without reading it; follows links. Another length,
-    /// time or inode counts as another content. Compare it only with other stamps.
+    /// Returns the contents of `path` by the metadata of its file, without reading it; follows links. A different
+    /// length, time or inode counts as different contents. Compare the result only with other stamps.
     pub fn stamp(path: &Path) -> Content {
         match fs::metadata(path) {
             Ok(metadata) if metadata.is_file() => {

@@ -27,7 +27,7 @@ impl GraphErrors {
         }
     }
 
-    /// Joins several lists of errors.
+    /// Joins several lists of errors; `None` if there are no lists.
     pub fn joined(all: impl IntoIterator<Item = GraphErrors>) -> Option<GraphErrors> {
         all.into_iter().reduce(|mut all, more| {
             all.found.extend(more.found);
@@ -95,7 +95,7 @@ pub enum Severity {
 /// characters.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct PlainDiagnostic {
-    /// Path of the file, as the user or an include wrote it.
+    /// Path of the file, as in messages.
     pub file: String,
     /// Line of the first marked character.
     pub line: u32,

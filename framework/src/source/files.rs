@@ -97,7 +97,7 @@ struct File {
     /// Byte offsets of the line starts; the first is 0.
     lines: Vec<usize>,
     disk: Option<OnDisk>,
-    /// Differs from the number of every other file of this process.
+    /// Number that identifies the text among all files of this process.
     serial: u64,
 }
 

@@ -51,7 +51,7 @@ pub(super) fn parent(path: &str) -> &str {
     }
 }
 
-/// Splits a folder before its last component called `pipelines` or `shaders`, or returns `None`.
+/// Splits a folder before its last component called `pipelines` or `shaders`; `None` if it has none.
 pub(super) fn root_and_rest(folder: &str) -> Option<(&str, &str)> {
     let mut end = folder.len();
     loop {

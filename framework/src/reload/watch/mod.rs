@@ -154,7 +154,7 @@ const PATIENCE: Patience = Patience {
     content: Content::at,
 };
 
-/// Part of the time that looks may take: one in this many. On a slow network drive, they are less frequent.
+/// Inverse of the share of time that looks may take. On a slow network drive, looks are less frequent.
 const SHARE: u32 = 20;
 /// Maximum interval between looks that take long.
 const MAX_INTERVAL: Duration = Duration::from_secs(2);
@@ -164,7 +164,7 @@ fn lock(found: &Mutex<Option<Found>>) -> MutexGuard<'_, Option<Found>> {
     found.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Receives the system's events, without those of reading. `None` if the system has none to offer.
+/// Starts sending the system's file events, except reads, to `inbox`. `None` if the system offers none.
 fn events(inbox: Sender<Message>) -> Option<RecommendedWatcher> {
     let handler = move |event: notify::Result<notify::Event>| {
         let paths = match event {
@@ -270,7 +270,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         let folders = self.subjects.iter().filter_map(|subject| subject.path.parent());
         let folders: BTreeSet<PathBuf> =
             folders.filter(|folder| folder.is_dir()).map(Path::to_owned).collect();
-        // Some systems begin all their events anew for any change.
+        // On some systems, any change to the watched folders restarts the event stream.
         if folders == self.folders && !self.stale {
             return;
         }
