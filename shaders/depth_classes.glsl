@@ -1,5 +1,5 @@
 // Divides the scene's depth range into classes, for keys equalised over a frame's depths. Classes are equal steps of the
-// float's bits, so an outlier adds only few of them.
+// float's bits, so an outlier adds only a few of them.
 
 const uint CLASSES = 2048u;
 const uint CLASS_BITS = 11u;

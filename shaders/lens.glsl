@@ -1,8 +1,8 @@
 // The projections other than pinhole: where a point in camera space is in the picture, and the derivative there (the Jacobian), from which
 // the ellipse of a splat follows. See docs/projections.md. A graph chooses the projection by its parameter `projection`.
 
-// atan(t) / t as a function of t * t, for t from 0 to 1, with a relative error of 1.5e-8. Vulkan allows atan() an error of 4096 units in
-// the last place, a tenth of a pixel in large pictures.
+// Returns atan(t) / t as a function of t * t, for t from 0 to 1, with a relative error of 1.5e-8. Vulkan allows atan() an error of 4096
+// units in the last place, a tenth of a pixel in large pictures.
 float arc_ratio(float tt) {
     float p = 0.00284988711 * tt - 0.0160686215;
     p = p * tt + 0.042691512;

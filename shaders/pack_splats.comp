@@ -68,7 +68,7 @@ float cost(float x, float s, uint bits) {
     return (x - rounded) * (x - rounded);
 }
 
-// The scale of a block's range for a size.
+// Returns the scale of a block's range for a size.
 float range_of(uint bound, uint size) {
     return from_order(bounds[bound]) * exp2(-0.5 * float(size));
 }
@@ -132,7 +132,7 @@ void split(uint band, inout vec3 colour) {
     }
 }
 
-// The last band that shares the size of `band`.
+// Returns the last band that shares the size of `band`.
 uint last_with_size_of(uint band) {
     uint last = band;
     while (last < uint(SH_DEGREE) && SIZE_BITS[last] == 0u) {

@@ -182,8 +182,8 @@ bool project_splat(uint i, out Projection splat) {
     vec3 t0 = point.j0 * rotation;
     vec3 t1 = point.j1 * rotation;
 #else
-    // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z clamped near the view, as far beyond each edge of
-    // the picture as with the principal point in the middle.
+    // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z clamped to a margin around the picture. The margin
+    // does not depend on the principal point.
     vec2 slope = vec2(x, y) / z;
     // Culls by the centre alone, whatever the splat's size.
     if (CULL_MARGIN < 1.0 && any(greaterThan(abs(slope + camera.principal.zw), (1.0 + 2.0 * CULL_MARGIN) * camera.focal.zw))) {

@@ -26,13 +26,13 @@ vec4 sh_plane(uint plane, uint i) {
 #elif SH_STORAGE == SH_STORAGE_Q8
 layout(set = 0, binding = 8, std430) readonly buffer Sh { uvec2 sh[]; };
 
-// The constant coefficients and the scale of the others.
+// Returns the constant coefficients and the scale of the others.
 vec4 sh_head(uint i) {
     uvec2 halves = sh[i];
     return vec4(unpackHalf2x16(halves.x), unpackHalf2x16(halves.y));
 }
 
-// Floats 4 w + 3 to 4 w + 6, as shares of the scale; 0 beyond the last.
+// Returns floats 4 w + 3 to 4 w + 6, as shares of the scale; 0 beyond the last.
 vec4 sh_word(uint w, uint i) {
     return w < uint(SH_WORDS) ? unpackSnorm4x8(sh[(1u + w / 2u) * uint(SCENE_COUNT) + i][w & 1u]) : vec4(0.0);
 }

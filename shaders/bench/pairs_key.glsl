@@ -1,6 +1,6 @@
 // The key of each pair before it is sorted.
 
-// A bijection on words with random-looking results ("lowbias32" by C. Wellons).
+// Maps a word by a bijection with random-looking results ("lowbias32" by C. Wellons).
 uint mixed(uint x) {
     x = (x ^ (x >> 16)) * 0x7feb352du;
     x = (x ^ (x >> 15)) * 0x846ca68bu;

@@ -29,7 +29,7 @@ vec2 place_in(uvec2 image, vec2 uv) {
     return (uv - floor(uv)) * vec2(image.y & 0xffffu, image.y >> 16) - 0.5;
 }
 
-// Returns linear values: a display-encoded image needs `is_colour`.
+// Samples a texture at `uv`. Returns linear values: a display-encoded image needs `is_colour`.
 vec4 sample_image(uvec2 image, vec2 uv, bool is_colour) {
     vec2 place = place_in(image, uv);
     ivec2 at = ivec2(floor(place));

@@ -1,5 +1,5 @@
-// Intersects the ellipse of a splat at the alpha floor with rows of pixels. Within some rows, the leftmost point is the whole
-// ellipse's if that is in the rows, and otherwise on the nearer edge of the rows; likewise the rightmost point.
+// Intersects the ellipse of a splat at the alpha floor with rows of pixels. If the ellipse's leftmost
+// point is outside the rows, the leftmost point within them is on their nearer edge; likewise the rightmost point.
 
 // A splat relative to a rectangle of the picture: positions in pixels from the rectangle's first pixel.
 struct Cut {

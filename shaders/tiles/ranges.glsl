@@ -1,8 +1,8 @@
 // Writes each bin's range of the sorted pairs to the array `ranges` of the including file: its first pair and its end. The array is cleared
 // before, so that bins without pairs have an empty range.
 
-// A pair whose bin differs from the previous pair's starts the list of its bin and ends the previous list. Takes the bins of both
-// pairs; pair `count` only ends the last list.
+// Writes the bounds at a pair: if its bin differs from the previous pair's, its list starts and the previous list ends. Takes the bins
+// of both pairs; pair `count` only ends the last list.
 void find_ranges(uint pair, uint count, uint bin_before, uint bin) {
     const uint last = uint(BIN_COUNT) - 1u;
     bool is_first = pair == 0u;

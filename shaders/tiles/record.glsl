@@ -25,7 +25,7 @@ Record unpack_record(StoredRecord s) {
 #else
 struct StoredRecord { vec4 centre_root; uvec4 rest; };
 
-// Colours are half floats. A radius is an integer; one above 16 bits is treated as unbounded.
+// Packs a record. Colours become half floats, the radius an integer; one above 16 bits is treated as unbounded.
 StoredRecord pack_record(Record r) {
     uint blue = packHalf2x16(vec2(r.colour.b, 0.0));
     return StoredRecord(vec4(r.centre, r.root.xy), uvec4(floatBitsToUint(vec2(r.root.z, r.log_alpha)), packHalf2x16(r.colour.rg),

@@ -75,7 +75,7 @@ struct Splat {
 };
 
 #if WITH_OUTPUTS
-// Returns the splat of lane `lane`.
+// Returns the `Seen` of lane `lane`.
 Seen seen_of_lane(Seen s, uint lane) {
     return Seen(subgroupShuffle(s.depth, lane), subgroupShuffle(s.index, lane), subgroupShuffle(s.normal, lane));
 }

@@ -8,10 +8,10 @@
 // Blends the first SERIAL_SEGMENT entries of a tile's list, near to far, and writes the tile. A workgroup is one subgroup, without
 // barriers or shared memory. It takes the entries CHUNK at a time: each lane loads splats and finds the blocks that they touch.
 // Then each block walks the splats that touch it, which lanes share by shuffles. A CPU driver executes both sides of an `if`, and
-// branches only for loops. So each block has its own loop, and its first iteration is never wasted if a splat touches it. An
-// iteration blends two splats, because at its end a CPU writes all sums, with a mask.
+// branches only for loops. So each block has its own loop, whose first iteration runs without a test. An iteration blends two
+// splats, because at its end a CPU writes all sums, with a mask.
 //
-// If a list is longer and the pixel is not opaque, the picture holds colour and transmittance, and serial_deep.comp continues.
+// If a list is longer and a pixel of the tile still has light, the picture holds colour and transmittance, and serial_deep.comp continues.
 
 #include "../camera.glsl"
 #include "serial.glsl"
