@@ -125,8 +125,8 @@ impl ShaderCompiler for ListCompiler {
     }
 }
 
-/// Returns the facts of a scene of 1000 splats, a viewport of 64 x 32, and a device with subgroups of 8 lanes and
-/// without limits on the invocations and shared memory of a workgroup.
+/// Returns the facts of a scene of 1000 splats and a viewport of 64 x 32. The device has subgroups of 8 lanes, and no
+/// limits on the invocations and shared memory of a workgroup.
 pub fn facts() -> Facts {
     let ints =
         [("scene.count", 1000), ("scene.sh_degree", 2), ("viewport.width", 64), ("viewport.height", 32)];

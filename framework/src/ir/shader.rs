@@ -136,7 +136,7 @@ pub struct ReflectedBinding {
     pub atomics: bool,
     /// True if every load and store is atomic, so that invocations do not race.
     pub atomics_only: bool,
-    /// True if the first access in the code is a store without a read, as in a shader that clears counters before use.
+    /// True if the first access in the code is a store without a read: a shader may clear counters before use.
     pub writes_first: bool,
     /// True if a block has only 32-bit floats, also in vectors, matrices, arrays and structs. False for images.
     pub floats: bool,

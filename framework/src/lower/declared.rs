@@ -236,8 +236,8 @@ impl Parameters {
         circle[1..].iter().fold(error, |error, index| error.with_label(key(*index), "needed on the way"))
     }
 
-    /// Returns the place of a value that a preset or an include gives, and by which the parameter `from` depends on the
-    /// parameter `on`, with a label. `None` if only the declaration of `from` depends on it.
+    /// Returns the place, with a label, of the value by which the parameter `from` depends on the parameter `on`. A
+    /// preset or an include gives the value. `None` if only the declaration of `from` depends on `on`.
     fn replacement(
         &self,
         from: usize,

@@ -176,7 +176,7 @@ impl Lowering<'_> {
 
     /// Adds the names of an included graph's resources, except its ports, to the includer: `include.resource`.
     ///
-    /// They refer to the resources at the end of the included graph: the front of a ping-pong buffer is the half in
+    /// Each refers to the resource at the end of the included graph: the front of a ping-pong buffer is the half in
     /// front there. Also adds constants that hold a resource's name, and the output as `picture`.
     fn give(&mut self, level: &mut Level, include: &str, inner: &Level) {
         let ports = &inner.graph.ports;

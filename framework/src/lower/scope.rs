@@ -190,8 +190,8 @@ impl Names {
         expr.eval(self).map_err(|error| self.error(&error, place))
     }
 
-    /// Checks the syntax of an expression, its names, and the texts with which it compares them, also in operands that
-    /// an evaluation would skip. Does not evaluate it.
+    /// Checks the syntax of an expression, its names, and the texts with which it compares them. Also checks operands
+    /// that an evaluation would skip. Does not evaluate the expression.
     pub fn check<'e>(&self, expression: &'e Expression, place: &Place) -> Result<&'e Expr, Diagnostic> {
         let expr = expression.parsed.as_ref().map_err(|error| self.error(error, place))?;
         if let Some((name, range)) = expr.names().find(|(name, _)| self.live.contains(*name)) {

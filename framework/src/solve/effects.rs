@@ -114,8 +114,8 @@ fn removed_hint(removed: &RemovedPass, params: &[Param], files: &SourceMap) -> S
     format!("it is used where `{}` ({}:{}){here}", removed.condition, origin.file, origin.line)
 }
 
-/// Returns the hint that an expression names the parameter but its evaluation did not read it, with the values that
-/// decided this.
+/// Returns the hint that an expression names the parameter but its evaluation did not read it. Adds the values that
+/// decided this, or the reason.
 fn unreached_hint(found: &SkippedUse, params: &[Param], files: &SourceMap) -> String {
     let origin = files.origin(found.span);
     let text = format!("`{}` ({}:{}) leaves it out", found.name, origin.file, origin.line);

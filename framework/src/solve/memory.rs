@@ -131,7 +131,7 @@ fn levels(passes: &[Pass], frame: &[PassId], resources: usize) -> Vec<u32> {
     frame.iter().map(level).collect()
 }
 
-/// Returns true if no alias is alive during `life`, or so shortly before or after it that a pass would have to wait.
+/// Returns true if no alias is alive during `life`, or so close to it that a pass would wait.
 fn is_free(aliases: &BTreeMap<usize, Life>, life: Life) -> bool {
     // The aliases of a block are disjoint in time, so only the two neighbours can overlap `life`.
     let before = aliases.range(..=life.last).next_back();

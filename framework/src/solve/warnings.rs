@@ -71,8 +71,8 @@ fn first_touch(pass: &LinkedPass, resource: ResourceId, lowered: &Lowered) -> Di
         )
 }
 
-/// Returns a warning for each repeat in which a pass reads one half of a ping-pong buffer and writes the other, without
-/// a `Swap`, if the iterations do the same work or nothing reads their results.
+/// Returns a warning for each repeat that seems to lack a `Swap` of a ping-pong buffer. A pass of the repeat reads one
+/// half and writes the other, and the iterations do the same work or nothing reads their results.
 fn unswapped(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Diagnostic> {
     let mut found: Vec<Diagnostic> = Vec::new();
     for Unswapped { front, back, passes: [first, second] } in &lowered.unswapped {
@@ -114,8 +114,9 @@ fn unswapped(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Dia
     found
 }
 
-/// Returns a warning for each ping-pong buffer that a `Once` pass fills, and that each frame changes there and back by
-/// iterations of one pass, if the last iteration writes the half that the frame did not start with.
+/// Returns a warning for each ping-pong buffer whose last result in a frame is lost to the next frame. A `Once` pass
+/// fills the buffer, iterations of one pass change it there and back in each frame, and the last iteration writes the
+/// half that the frame did not start with.
 ///
 /// Excludes the values of a sort. Its iterations also move keys, another ping-pong buffer, which each frame writes
 /// anew, so any permutation of the values is as good a start.

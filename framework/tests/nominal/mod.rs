@@ -4,8 +4,8 @@ use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Value};
 
 pub const CAMERA_BYTES: u64 = 256;
 
-/// Returns the facts of a scene of `count` splats of degree 3, drawn at a size in pixels by a device with subgroups of
-/// 32 lanes and with every feature.
+/// Returns the facts of a scene of `count` splats of degree 3, drawn at a size in pixels. The device has subgroups of
+/// 32 lanes and every feature.
 pub fn facts(count: u32, (width, height): (u32, u32)) -> Facts {
     let ints = [
         ("scene.count", count),
