@@ -1,4 +1,4 @@
-// Projects a splat per invocation, and counts the visible ones of each workgroup, so that compact.comp can close the gaps in index order.
+// Projects a splat per invocation. Counts the visible ones of each workgroup, so that compact.comp can close the gaps in index order.
 // The including file defines `float project(uint i)`, which returns the depth that orders splat `i`, or -1 if it is invisible, and
 // `void leave_out(uint i)` for invisible splats.
 

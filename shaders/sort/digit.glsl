@@ -6,7 +6,7 @@ layout(push_constant) uniform Digit {
     uint first_total;  // where this digit's totals begin
 };
 
-// The total of every bin has TOTAL_PARTS parts, and block b adds to part b mod TOTAL_PARTS, because atomic additions of
+// The total of every bin has TOTAL_PARTS parts, and block b adds to part b mod TOTAL_PARTS. Atomic additions of
 // thousands of blocks to one word would be serialised. Serial passes have few blocks, and one part.
 
 uint total_index(uint bin, uint part) {

@@ -4,7 +4,7 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Counts the pairs of a splat and a bin that it may touch, for each block of PAIR_BLOCK splats in depth order, and copies the bins of
+// Counts the pairs of a splat and a bin that it may touch, for each block of PAIR_BLOCK splats in depth order. Copies the bins of
 // a splat to its position in this order.
 
 #include "../args.glsl"

@@ -41,7 +41,7 @@ float published_radius(Projection p) {
     return ceil(3.0 * sqrt(0.5 * (p.xx + p.yy) + spread) * p.unit);
 }
 
-// Returns log2 of an opacity that is not below the alpha floor, rounded so that its power of 2 is not below the floor either.
+// Returns log2 of an opacity that is not below the alpha floor. Rounds it so that its power of 2 is not below the floor either.
 float log_of_alpha(float alpha) {
     float log_alpha = log2(alpha);
     // Two float steps between -8 and -4, more than the rounding of both functions.
@@ -181,7 +181,7 @@ void main() {
 #else
 layout(set = 0, binding = 6, std430) writeonly buffer Bins { uint bins_of[]; };
 
-// Projects splat `i`, writes its bins and its record if it is visible, and returns its depth, or -1 if it is not.
+// Projects splat `i` and returns its depth, or -1 if it is invisible. Writes the bins and the record of a visible splat.
 float project(uint i) {
     Projection p;
     float radius;

@@ -1,5 +1,5 @@
-// The division of a bin's list into segments of SEGMENT_ENTRIES entries, which are blended independently of each other and then composited,
-// so that a long list keeps many workgroups busy.
+// The division of a bin's list into segments of SEGMENT_ENTRIES entries, so that a long list keeps many workgroups busy.
+// Segments are blended independently of each other and then composited.
 
 // Returns the number of segments of a list; 1 for an empty list.
 uint segments_of(uint entries) {

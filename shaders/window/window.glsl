@@ -15,7 +15,7 @@ const uint FORMAT_RGBA16F = 2u;
 const uint FORMAT_RGBA32F = 3u;
 const uint FORMAT_R32F = 4u;  // shown as grey
 
-// Unpacks a pixel from its words with r, g and b, the last of which is `words.z`, and clamps it to 0..1 as on a display.
+// Unpacks a pixel from its words with r, g and b, and clamps it to 0..1 as on a display. The last word is `words.z`.
 vec3 unpack(uint format, uvec3 words) {
     vec3 colour;
     switch (format) {
