@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// Some editors write this mark at the beginning of a text.
+/// The byte order mark, which some editors write at the beginning of a text.
 pub(crate) const BYTE_ORDER_MARK: &str = "\u{feff}";
 
 pub(crate) const MAX_BYTES: u64 = 1 << 20;

@@ -48,8 +48,8 @@ pub fn read(path: impl AsRef<Path>, limit: u64) -> Result<Vec<u8>> {
 
 /// Hashes the bytes of a file from its current position to its end.
 ///
-/// Stands in this crate because builds for tests optimise it: such a program has 200 MB, and hashes itself in seconds
-/// otherwise.
+/// It is in this crate because test builds optimise this crate. Otherwise a test program, which has 200 MB, would take
+/// seconds to hash itself.
 ///
 /// # Errors
 /// The file cannot be read.

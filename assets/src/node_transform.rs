@@ -1,4 +1,4 @@
-//! Moves the splats of a node of glTF or USD into the world, and converts them to the axes of scenes.
+//! Moves the splats of a glTF or USD node into the world, and converts them to the axes of scenes.
 
 use crate::harmonics::Turn;
 use crate::scene::Splat;

@@ -27,7 +27,7 @@ const MAGIC: &[(&[u8], &str)] = &[
     (b"\xEF\xBB\xBFply", "a PLY file behind a byte order mark (save it without one)"),
 ];
 
-/// Texts that begin with the first string and contain the second near their beginning.
+/// Texts that begin with the first string and contain the second near their beginning. The third describes them.
 const TEXTS: [(&str, &str, &str); 3] = [
     ("<", "SuperSplat", "a page of SuperSplat's viewer (export the splats as a scene)"),
     ("{", "\"geometricError\"", "a tileset of 3D Tiles (name one of its .glb files)"),

@@ -6,7 +6,7 @@ use std::ops::RangeInclusive;
 /// Maximum deviation from the identity of `R * transpose(R)`, where `R` is the matrix divided by its scale.
 const TOLERANCE: f64 = 1e-4;
 
-/// A rotation, a uniform scale and a translation of the world: maps `p` to `scale * rotation * p + translation`.
+/// A rotation, a uniform scale and a translation of the world. Maps `p` to `scale * rotation * p + translation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
     /// Rotation, as a unit quaternion.

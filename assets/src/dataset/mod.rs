@@ -34,7 +34,8 @@ use std::path::{Path, PathBuf};
 /// Sampling stride of test views if the dataset does not specify any, as in the reference implementation (`llffhold`).
 pub const TEST_EVERY: usize = 8;
 
-/// Lists the folder of a COLMAP model and the three around it, in which photographs and other files are looked for.
+/// Lists the folder of a COLMAP model and the three around it. Photographs and other files are looked for in these
+/// folders.
 fn around_model(folder: &Path) -> Vec<PathBuf> {
     let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let folder = here.canonicalize().unwrap_or_else(|_| here.to_owned());
@@ -197,7 +198,7 @@ impl Dataset {
         if let Some(start) = wanted.strip_suffix('*')
             && dataset.views.iter().any(|view| begins(view, start))
         {
-            // A split is one of the whole dataset: a part has no other test views.
+            // Test views are chosen from the whole dataset, before the other views are dropped.
             let tests: HashSet<String> =
                 dataset.test_views().iter().map(|view| view.photograph.clone()).collect();
             dataset.views.iter_mut().for_each(|view| view.test = Some(tests.contains(&view.photograph)));
@@ -206,7 +207,7 @@ impl Dataset {
         }
         // Names of frames are often numbers, so they come before indices.
         let named = |name: &str| dataset.views.iter().position(|view| view.camera.img_name == name);
-        // `000003` is a frame's name, which may stand after a folder's in the names of a rig. It is no index.
+        // `000003` is not an index but a frame's name, which follows a folder's name in a rig.
         let is_index = |index: &usize| *index < dataset.views.len() && index.to_string() == wanted;
         let numbered = || wanted.parse().ok().filter(is_index);
         let by_name = named(wanted).or_else(|| named(photograph::stem(wanted)));
@@ -257,8 +258,9 @@ impl Dataset {
         model.map(around_model).unwrap_or_default()
     }
 
-    /// Returns the dataset with smaller photographs, from folders `images_N` with N the `factor`: beside `images`, or
-    /// near a COLMAP model without `images`. `None` unless there is such a folder for every photograph.
+    /// Returns the dataset with smaller photographs, from folders `images_N` with N the `factor`. The folders are
+    /// beside `images`, or near a COLMAP model without `images`. `None` unless there is such a folder for every
+    /// photograph.
     pub fn reduced(&self, factor: u32) -> Option<Self> {
         let Some(folder) = &self.photographs else {
             let mut folders = self.around().into_iter().map(|around| around.join(format!("images_{factor}")));

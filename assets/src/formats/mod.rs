@@ -235,7 +235,7 @@ fn at_level<T>(
 
 /// Creates the error for the composition at `path` from that of a part.
 fn within(path: &Path, parts: &[Placed], error: LoadError) -> LoadError {
-    // Of a folder and a file in it, the file.
+    // If a folder and a file in it are both parts, the file is the one with the error.
     let holds = parts.iter().filter(|part| error.path.starts_with(&part.file));
     let part = holds.max_by_key(|part| part.file.components().count());
     let (line, column) = part.map_or((1, 1), |part| part.at);

@@ -206,7 +206,7 @@ struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    /// Reads the meshes and the light of the nodes of the default scene, or of the first scene if none is the default.
+    /// Reads the meshes and the light of the default scene's nodes, or of the first scene's if none is default.
     fn nodes(&mut self) -> Result<(), SceneError> {
         let scene = self.document.default_scene().or_else(|| self.document.scenes().next());
         let scene = scene.ok_or_else(|| wrong("scenes", "expected a scene, found none"))?;

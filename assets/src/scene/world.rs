@@ -9,7 +9,7 @@ use crate::words::CHUNK;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Maximum number of splats that stand for all.
+/// Maximum number of splats in a sample of a scene.
 const SAMPLES: usize = 1000;
 
 /// Returns the indices of up to [`SAMPLES`] splats, evenly spaced.

@@ -28,11 +28,11 @@ const MAX_WEIGHT: f32 = 1e12;
 
 /// Estimates the memory that writing a scene needs in addition to the scene itself, in bytes.
 fn beside(count: u64, degree: u32) -> u64 {
-    /// 96 while a codebook is chosen, the order, and textures.
+    /// Bytes per splat: 96 while a codebook is chosen, the order, and textures.
     const SPLAT: u64 = 128;
-    /// The order, the labels and textures.
+    /// Bytes per splat while the palette is chosen: the order, the labels and textures.
     const LABELLED: u64 = 48;
-    /// A coefficient of the palette: itself, the mean of its group, and 32 while the codebook is chosen.
+    /// Bytes per coefficient of the palette: itself, the mean of its group, and 32 while the codebook is chosen.
     const COEFFICIENT: u64 = 44;
     const BUFFERS: u64 = 64 << 20;
     let coefficients = entries(count as usize) * (sh_floats(degree) - 3);

@@ -11,7 +11,7 @@ pub(super) struct Frame {
     axes: [f32; 3],
     /// Sign of each spherical-harmonics coefficient.
     sh: [f32; 16],
-    /// Quarter turn from right, front, up to right, down, front: (x, y, z) becomes (x, -z, y).
+    /// Quarter turn from right, front, up to right, down, front: (x, y, z) becomes (x, -z, y). `None` without one.
     turn: Option<Turn>,
 }
 

@@ -65,8 +65,8 @@ pub(crate) fn write(scene: &Scene, version: SpzVersion, out: &mut impl Write) ->
     Ok(())
 }
 
-/// Calls `array` for each array of a file, in order, with the bytes per splat and a writer of the array. `bits` are
-/// the fractional bits of positions.
+/// Calls `array` for each array of a file, in order, with the bytes per splat and the array's writer. `bits` are the
+/// fractional bits of positions.
 fn arrays(
     scene: &Scene,
     bits: u32,

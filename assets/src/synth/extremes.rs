@@ -242,7 +242,7 @@ pub(super) fn floor(count: u32, seed: u64) -> Made {
 /// View direction of [`crossing_camera`], across the plates of [`crossing`].
 const CROSSING: [f64; 3] = [0.0, 0.939_692_620_785_908_4, 0.342_020_143_325_668_7];
 
-/// Generates repeatedly six plates, close behind one another, and twelve points far in front of or behind them.
+/// Generates groups of six plates, close behind one another, and twelve points far in front of or behind them.
 ///
 /// The plates' centres are far apart on their planes, so the plates change order only if a camera looks across the
 /// planes.

@@ -59,7 +59,8 @@ pub(super) struct Layer {
     pub up_axis: Option<String>,
     /// Parents come before their children.
     pub prims: Vec<Prim>,
-    /// Name of a field in [`ARCS`], or `variantSet`, that the layer has. The reader refuses such a layer.
+    /// Name of a field in [`ARCS`], or `variantSet`, that the layer has; `None` without one. The reader refuses such a
+    /// layer.
     pub arc: Option<String>,
 }
 

@@ -51,7 +51,8 @@ pub(super) fn load(folder: &Path, ignore_distortion: bool) -> Result<Dataset, Ca
     if dataset.views.is_empty() {
         return Err(CameraError::Empty { path: images });
     }
-    // The order of the file is that of the registration. Names have the order of the photographs, which a path follows.
+    // The file has the order of registration. A camera path follows the order of the photographs, which their names
+    // give.
     dataset.views.sort_by(|a, b| a.photograph.cmp(&b.photograph));
     Ok(dataset)
 }

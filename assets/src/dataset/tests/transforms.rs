@@ -161,12 +161,12 @@ fn a_blender_scene_takes_its_size_from_its_photographs_and_its_split_from_its_fi
     let [_, test] = dataset.test_views().try_into().unwrap();
     assert_eq!(test.camera.img_name, "r_0");
     assert!((test.camera.fx - 100.0).abs() < 1e-9 && test.camera.fy == test.camera.fx);
-    // A split's file alone is the split.
+    // A split's file, loaded on its own, gives only that split.
     for (split, count, of) in [("test", 2, 2), ("train", 0, 3), ("val", 0, 1)] {
         let split = Dataset::load(folder.path().join(format!("transforms_{split}.json"))).unwrap();
         assert_eq!((split.test_views().len(), split.views.len()), (count, of));
     }
-    // A split without any photograph has the size of the test views, but not alone.
+    // A split without any photograph takes the size of the test views. Loaded on its own, it is an error.
     std::fs::remove_file(folder.path().join("r_4.png")).unwrap();
     assert_eq!(Dataset::load(folder.path()).unwrap(), dataset);
     assert!(Dataset::load(folder.path().join("transforms_val.json")).is_err());
