@@ -111,7 +111,7 @@ pub enum Recovery {
     /// The user can act: install a driver; choose another device, scene or parameter; free memory; or open another
     /// window.
     User,
-    /// A bug in the program or the driver: the plan or the inputs are wrong, or an API call failed unexpectedly.
+    /// A bug in the program or the driver. The plan or the inputs are wrong, or an API call failed unexpectedly.
     Defect,
     /// The device is lost: open another.
     DeviceEnded,

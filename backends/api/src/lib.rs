@@ -96,8 +96,8 @@ impl fmt::Display for Robustness {
 pub struct Heap {
     /// Size of the heap in bytes.
     pub bytes: u64,
-    /// Bytes that this process can still allocate, as the driver estimated when the device was listed or
-    /// [`Device::heap`] was called; `None` if unknown.
+    /// Bytes that this process can still allocate; `None` if unknown. It is the driver's estimate from when the device
+    /// was listed or [`Device::heap`] was called.
     pub available: Option<u64>,
 }
 
@@ -201,7 +201,8 @@ pub struct FrameInputs {
 pub enum BufferContents {
     /// Bytes from the host. Passing the same [`Arc`] again (compared by pointer) avoids another copy.
     Bytes(Arc<Vec<u8>>),
-    /// A shown output of any context of the device, in the output's format: row 0 at the top, rows tightly packed.
+    /// A shown output of any context of the device, in the output's format. Row 0 is at the top, and rows are tightly
+    /// packed.
     Picture(Picture),
     /// Rows of a shown output, for outputs that exceed the limit of a storage binding. Indirect commands can read
     /// their arguments from them only if `first` is 0.
@@ -385,7 +386,8 @@ pub trait Loader: Send + 'static {
     fn clearing_histories(self) -> Self;
 
     /// Lets the plan's histories begin with the contents from before the current plan's last frame with
-    /// [`FrameInputs::save_histories`], or with zeros if it had none. The frame can then be repeated with another plan.
+    /// [`FrameInputs::save_histories`]. The frame can then be repeated with another plan. Without such a frame, the
+    /// histories begin with zeros.
     #[must_use]
     fn restoring_histories(self) -> Self;
 

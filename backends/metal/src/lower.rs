@@ -135,7 +135,7 @@ pub fn clear_groups((width, height): (u32, u32)) -> [u32; 2] {
     [width.div_ceil(CLEAR_THREADS[0]), height.div_ceil(CLEAR_THREADS[1])]
 }
 
-/// Returns true if an image is interpolated when it is shown: if the sizes differ and its format can be filtered.
+/// Returns true if an image is interpolated when shown: if the sizes differ and its format can be filtered.
 pub fn interpolates(format: Format, same_size: bool, filters_floats: bool) -> bool {
     let filtered = match format {
         Format::Rgba8Unorm | Format::Rgba16Float => true,

@@ -3,7 +3,7 @@
 //! Metal takes the two from different clocks: the host's for command buffers, the device's for samples. The samples are
 //! therefore shifted: the earliest sample becomes the start of the frame.
 
-/// Maximum number of samples in a counter sample buffer: Metal limits it to 32 KiB, and a sample has 8 bytes.
+/// Maximum number of samples in a counter sample buffer. Metal limits the buffer to 32 KiB, and a sample has 8 bytes.
 pub const MAX_SAMPLES: u32 = 4096;
 
 /// Returns the index of the counter sample for a runtime timestamp; `None` if it has none.
@@ -54,7 +54,8 @@ impl FrameTimes {
         self.frame = (start > 0.0 && end >= start).then(|| [start, end].map(|s| (s * 1e9) as u64));
     }
 
-    /// Returns the number of samples to read: up to the last one that the frame took; 0 until the frame has completed.
+    /// Returns the number of samples to read, up to the last one that the frame took. It is 0 until the frame has
+    /// completed.
     pub fn samples(&self) -> usize {
         let last = self.taken.iter().rposition(|&taken| taken);
         last.filter(|_| self.completed).map_or(0, |last| last + 1)
@@ -86,7 +87,7 @@ impl FrameTimes {
 mod tests {
     use super::*;
 
-    /// Returns the times of a completed frame that took `pairs` pairs of samples, and ran from 5 s to 5.000001 s.
+    /// Returns the times of a completed frame with `pairs` pairs of samples, which ran from 5 s to 5.000001 s.
     fn completed(pairs: u32) -> FrameTimes {
         let mut times = FrameTimes::new(8);
         (0..pairs).for_each(|pair| assert!(times.take(2 * pair)));

@@ -15,14 +15,14 @@ use splatgraph_framework::{ir::*, plan::*};
 #[derive(Debug)]
 pub struct Walked {
     divisions: [Divided; 2],
-    /// The division of the last submitted frame.
+    /// The division of the last submitted frame; `None` before the first.
     last: Option<Division>,
 }
 
 #[derive(Debug)]
 struct Divided {
     encoders: Encoders,
-    /// For each pass, the index of its encoder, counted through prologue and frame, and its index in the encoder;
+    /// For each pass, the index of its encoder, counted through prologue and frame, and its index in the encoder.
     /// `None` if it is in no encoder.
     places: Vec<Option<(usize, usize)>>,
     /// For each fence, true if a submitted frame has updated it.
@@ -211,8 +211,8 @@ mod tests {
         Encoding { kind, waits: waits.to_vec(), passes, updates: updates.to_vec() }
     }
 
-    /// Returns encoders: a prologue that clears (fence 0), two dispatches with a barrier between them (1), a draw (2)
-    /// and the export (3).
+    /// Returns four encoders with their fences. They are a prologue that clears (fence 0), two dispatches with a
+    /// barrier between them (1), a draw (2) and the export (3).
     fn walked() -> Walked {
         let all = Encoders {
             prologue: vec![encoding(EncoderKind::Compute, &[], &[(CLEAR, false)], &[fence(0)])],

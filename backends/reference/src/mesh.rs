@@ -48,7 +48,7 @@ struct Hit {
 pub(crate) struct Surfaces {
     /// Left, top, right and bottom, in pixels; right and bottom exclusive.
     area: [usize; 4],
-    /// In row order; `None` where the ray misses the mesh.
+    /// The surfaces in row order; `None` where the ray misses the mesh.
     found: Vec<Option<Surface>>,
 }
 
@@ -151,7 +151,7 @@ impl<'a> Caster<'a> {
     }
 
     /// Returns the nearer of `hit` and the hit of a pixel's ray with `triangle` (Möller and Trumbore). A hit whose
-    /// alpha is below the material's cutoff does not count.
+    /// alpha is below the material's cutoff does not count. `None` without a hit.
     fn nearer(&self, triangle: &Triangle, [x, y]: [f64; 2], hit: Option<Hit>) -> Option<Hit> {
         let Camera { fx, fy, .. } = *self.camera;
         let [cx, cy] = self.camera.principal_point().map(|v| v - 0.5);

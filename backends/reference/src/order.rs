@@ -95,8 +95,8 @@ pub fn sort_pairs(mut pairs: Vec<(u32, u32)>) -> (Vec<u32>, Vec<u32>) {
     pairs.into_iter().unzip()
 }
 
-/// Counts the pairs of splats that `given` and `truth` order differently: 0 for equal orders, n (n - 1) / 2 for
-/// reversed ones. `None` unless both hold the same indices, each once.
+/// Counts the pairs of splats that `given` and `truth` order differently. For n splats, the count is 0 for equal
+/// orders, and n (n - 1) / 2 for reversed ones. `None` unless both hold the same indices, each once.
 pub fn inversions(truth: &[u32], given: &[u32]) -> Option<u64> {
     let bound = truth.iter().max().map_or(0, |max| *max as usize + 1);
     let mut ranks = vec![u32::MAX; bound];

@@ -60,7 +60,7 @@ pub(crate) fn visible_count(splats: &(impl Splats + ?Sized), camera: &Camera, ru
 pub(crate) struct Footprint {
     /// Centre, in pixels; pixel (0, 0) is sampled at its integer position.
     pub center: [f64; 2],
-    /// With `d` the offset from the centre, the exponent is `-0.5 ((u dx)^2 + (v (dy - s dx))^2)`.
+    /// Coefficients of the exponent `-0.5 ((u dx)^2 + (v (dy - s dx))^2)`, with `d` the offset from the centre.
     u: f64,
     s: f64,
     v: f64,
@@ -83,7 +83,7 @@ struct Turn {
 }
 
 impl Turn {
-    /// Returns the horizontal distance in pixels from the nearest copy of a centre to a pixel; `None` outside the
+    /// Returns the horizontal distance in pixels from the nearest copy of a centre to a pixel. `None` outside the
     /// copy's tiles.
     fn offset(self, x: f64, center: f64) -> Option<f64> {
         let center = center + self.width * ((x - center) / self.width).round();

@@ -29,7 +29,7 @@ pub struct Picture {
     /// Sum of the splats' depths, each times its weight (alpha times transmittance). A depth is the sort key, see
     /// [`Rules::key_of`].
     pub depth: Vec<f64>,
-    /// Depth of the splat that brings the transmittance to one half or below, or of the last splat; 0 without splats.
+    /// Depth of the splat that brings the transmittance to one half or below, else of the last splat. 0 without splats.
     pub median_depth: Vec<f64>,
     /// Sum of the splats' normals, each times its weight. A splat's normal is its shortest axis in world space,
     /// pointing towards the camera.
@@ -339,8 +339,8 @@ mod tests {
         assert!(at(&draw(&[ball(beyond, 0.01, 0.9)], &Rules::PUBLISHED), 32, 24) > 0.89);
     }
 
-    /// A needle of axis ratio 1e12 across the image: in f64, `a c - b^2` has no correct digit. The falloff across the
-    /// needle must still come from the low-pass filter.
+    /// Renders a needle of axis ratio 1e12 across the image. In f64, `a c - b^2` has no correct digit. The falloff
+    /// across the needle must still come from the low-pass filter.
     #[test]
     fn a_needle_is_as_thin_as_the_low_pass_filter_makes_it() {
         let half = std::f64::consts::FRAC_PI_8;

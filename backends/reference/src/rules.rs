@@ -82,7 +82,7 @@ impl Rules {
         rules
     }
 
-    /// Returns the published rules, adapted to the scene ([`Rules::of`]) and to the camera: splats are sorted by
+    /// Returns the published rules, adapted to the scene ([`Rules::of`]) and to the camera. Splats are sorted by
     /// distance if it [sees behind itself](splatgraph_assets::Projection::sees_behind), and by view depth if it is
     /// orthographic.
     pub fn of_view(scene: &Scene, camera: &Camera) -> Rules {

@@ -183,8 +183,8 @@ impl<G: Gpu> CompiledPlan<G> {
         matches!(&self.plan.pass(pass).work, Work::ClearHistory { resource } if continues(resource))
     }
 
-    /// Returns true if a pass does not run, because it would zero a history that continues or compute results that are
-    /// reused or unused.
+    /// Returns true if a pass does not run. Such a pass would zero a history that continues, or compute results that
+    /// are reused or unused.
     pub fn is_skipped(&self, pass: PassId) -> bool {
         self.would_clear(pass) || self.skipped.contains(&pass)
     }

@@ -122,7 +122,7 @@ impl<G: Gpu> Slot<G> {
         Ok(image)
     }
 
-    /// Returns the result of the slot's frame and frees the slot; `None` if no frame is pending, or it is unfinished.
+    /// Returns the result of the slot's frame and frees the slot. `None` if no frame is pending, or it is unfinished.
     ///
     /// If `patient`, blocks until the frame has completed. If the wait fails, the frame stays pending. `compiled` is
     /// the frame's plan, and `slot` this slot's index.

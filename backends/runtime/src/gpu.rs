@@ -53,7 +53,7 @@ impl Common {
     }
 }
 
-/// An open device of one graphics API, usable from several threads: executors share its one queue, and plans are
+/// An open device of one graphics API, usable from several threads. Executors share its one queue, and plans are
 /// prepared on their own threads.
 pub trait Gpu: Sized + Send + Sync + 'static {
     /// A device memory allocation, freed when it is dropped.
@@ -94,8 +94,8 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Returns the bytes of device memory that all objects use, and the bytes reserved for them.
     fn memory(&self) -> DeviceMemory;
 
-    /// Estimates the bytes that new allocations can use in the largest device-local heap, including free space that the
-    /// backend has reserved; `None` if unknown.
+    /// Estimates the bytes that new allocations can use in the largest device-local heap; `None` if unknown. They
+    /// include free space that the backend has reserved.
     fn available(&self) -> Option<u64>;
 
     /// Returns the image uses that the device supports for a format.
@@ -448,8 +448,8 @@ pub enum BindingTarget<'a, G: Gpu> {
     Image(&'a Image<G>),
 }
 
-/// Returns the number of copies of a pass's bindings: one, or one per frame in flight if a bound object differs between
-/// frames.
+/// Returns the number of copies of a pass's bindings. There is one, or one per frame in flight if a bound object
+/// differs between frames.
 pub fn binding_copies(plan: &Plan, pass: &Pass) -> usize {
     let per_frame = pass.bindings.iter().any(|b| plan.resource(b.resource).source.is_per_frame());
     if per_frame { splatgraph_api::FRAMES_IN_FLIGHT } else { 1 }

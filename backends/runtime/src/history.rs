@@ -1,4 +1,4 @@
-//! Passes histories, resources whose contents persist between frames, from one plan to the next.
+//! Hands histories over from one plan to the next. A history is a resource whose contents persist between frames.
 //!
 //! If a plan and its predecessor both have a history of the same name and shape, for the same scene, they share the
 //! buffer or image, and the new plan skips the [`Work::ClearHistory`]. A history continues only if it has contents,
@@ -16,9 +16,9 @@ use splatgraph_framework::{ir::*, plan::*};
 /// Selects the contents with which the histories of a plan start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Start {
-    /// Those in the current plan.
+    /// The contents in the current plan.
     Current,
-    /// Those before the current plan's last frame with [`splatgraph_api::FrameInputs::save_histories`].
+    /// The contents before the current plan's last frame with [`splatgraph_api::FrameInputs::save_histories`].
     Saved,
     Zeros,
 }

@@ -21,7 +21,7 @@ pub(crate) struct HostBuffer<G: Gpu> {
     own: Option<Buffer<G>>,
     /// The bytes that `own` contains. Holding the `Arc` keeps them from changing.
     bytes: Option<Arc<Vec<u8>>>,
-    /// The shared output that the next recorded frame reads instead of bytes.
+    /// The shared output that the next recorded frame reads; `None` if it reads bytes, and once the output is taken.
     output: Option<Arc<SharedOutput<G>>>,
     /// The contents that the frame about to be recorded reads.
     holds: Contents,
@@ -114,7 +114,7 @@ impl<G: Gpu> HostBuffer<G> {
         Ok(())
     }
 
-    /// Returns the buffer and the byte range that the frame reads; `None` before the first contents, and once
+    /// Returns the buffer and the byte range that the frame reads. `None` before the first contents, and once
     /// [`HostBuffer::take_output`] has taken the shared output.
     pub fn binding(&self) -> Option<(&Buffer<G>, Range<u64>)> {
         match &self.holds {

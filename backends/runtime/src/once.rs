@@ -1,5 +1,5 @@
-//! Manages buffers that only the prologue uses, such as most planes of the scene: prologue passes pack them, and frames
-//! read the packed data.
+//! Manages buffers that only the prologue uses, such as most planes of the scene. Prologue passes pack these planes,
+//! and frames read the packed data.
 //!
 //! They are freed once the prologue's frame has completed. If device memory lacks room for them beside the rest of the
 //! plan, the scene's planes among them are placed in host memory, which the device reads more slowly. If the plan
@@ -32,7 +32,7 @@ impl UsedOnce {
         UsedOnce { freed, unused, location: Location::Device }
     }
 
-    /// Moves the planes that only the prologue uses to host memory if `available` bytes do not suffice for everything.
+    /// Moves planes used only by the prologue to host memory if `available` bytes do not suffice for everything.
     ///
     /// `absent` are the planes to upload, `held` is the size of the results that the plan reuses, and `available` is
     /// the driver's estimate, or the size of the heap. The check comes first because allocation may succeed at the cost

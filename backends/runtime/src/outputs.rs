@@ -70,7 +70,7 @@ impl<G: Gpu> SharedOutputs<G> {
         all.remove(&output.picture.id);
     }
 
-    /// Finds a shared output by its picture; `None` if it was replaced, its executor was dropped, or `picture` has
+    /// Finds a shared output by its picture. `None` if it was replaced, its executor was dropped, or `picture` has
     /// another format or size.
     pub fn find(&self, picture: &Picture) -> Option<Arc<SharedOutput<G>>> {
         let all = lock(&self.last);

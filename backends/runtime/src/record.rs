@@ -27,7 +27,7 @@ pub(crate) struct Recorder<'a, G: Gpu> {
     pub slot: usize,
     pub inspected: &'a [Buffer<G>],
     pub readback: Option<&'a Buffer<G>>,
-    /// The shared output that receives a copy of the output.
+    /// The shared output that receives a copy of the output; `None` if the frame is not shared.
     pub shared: Option<&'a SharedOutput<G>>,
 }
 

@@ -126,7 +126,7 @@ impl<G: Gpu> Resources<G> {
         (buffer, 0..buffer.bytes)
     }
 
-    /// Returns the binding target of a resource for the frame in this slot; panics as [`Resources::part`] does, except
+    /// Returns the binding target of a resource for the frame in this slot. Panics as [`Resources::part`] does, except
     /// for an image.
     pub fn binding_target(&self, id: ResourceId, slot: usize) -> BindingTarget<'_, G> {
         match self.image(id) {

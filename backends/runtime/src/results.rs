@@ -112,7 +112,7 @@ impl<'a> Prologue<'a> {
             && !self.written_later.contains(&id)
     }
 
-    /// Returns the recipe of a result; `None` if it depends on anything besides the scene and the plan, on an image, or
+    /// Returns the recipe of a result. `None` if it depends on anything besides the scene and the plan, on an image, or
     /// on a pass that is neither a dispatch nor a fill.
     fn recipe(&self, result: ResourceId, identity: u64) -> Option<Recipe> {
         let plan = self.plan;

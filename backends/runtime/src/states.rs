@@ -3,7 +3,7 @@
 use crate::gpu::NextPipeline;
 use splatgraph_framework::{ir::*, plan::*};
 
-/// The state of a pipeline.
+/// The shaders and the fixed-function state of a pipeline.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PipelineState {
     /// A compute pipeline with this shader.

@@ -3,8 +3,8 @@
 use crate::gpu::Gpu;
 use splatgraph_api::{BackendError, FrameId};
 
-/// Returns the number of timestamps of a frame with `passes` passes: the frame's start and end, then each pass's start
-/// and end.
+/// Returns the number of timestamps of a frame with `passes` passes. They are, in order, the frame's start and end,
+/// then each pass's start and end.
 pub(crate) fn queries(passes: usize) -> u32 {
     2 + 2 * passes as u32
 }

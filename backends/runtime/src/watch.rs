@@ -32,10 +32,10 @@ struct State<G: Gpu> {
 }
 
 struct Submission<G: Gpu> {
-    /// `None` for an upload.
+    /// The submitted frame; `None` for an upload.
     frame: Option<Frame<G>>,
-    /// Number of passes that were complete at the last look, and the time since the first look that found this number.
-    /// Kept per submission: callers that look at different submissions must not reset each other's times.
+    /// Number of passes complete at the last look, and the time since the first look that found this number. Kept per
+    /// submission: callers that look at different submissions must not reset each other's times.
     reached: Option<(usize, Stopwatch)>,
 }
 

@@ -37,8 +37,8 @@ pub(crate) struct Swapchain<G: Gpu> {
 }
 
 impl<G: Gpu> Swapchain<G> {
-    /// Creates a swapchain for the device's window, or waits with it until the window has pixels. Refuses a window that
-    /// cannot be drawn to.
+    /// Creates a swapchain for the device's window, or postpones this until the window has pixels. Refuses a window
+    /// that cannot be drawn to.
     pub fn new(gpu: &Arc<G>, size: (u32, u32)) -> Result<Self, BackendError> {
         let mut swapchain = Swapchain {
             raw: None,

@@ -216,7 +216,7 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
     (limits, driver.trim().to_string())
 }
 
-/// Returns true if a driver is known to round to nearest when it blends into half floats, and to round `fma` once.
+/// Returns true if a driver is known to round half-float blending to nearest, and `fma` once.
 ///
 /// Vulkan guarantees neither. Blending truncates on AMD and lavapipe. RADV before RDNA 2, V3DV and lavapipe compute
 /// `fma` as a multiplication and an addition. `false` costs only time; a wrong `true` costs accuracy.

@@ -117,8 +117,8 @@ pub(crate) fn present(
     unsafe { functions.queue_present(*queue, &info) }
 }
 
-/// Maximum time to poll a fence of a GPU before the thread sleeps: to wake a thread takes 0.1 ms, as long as a short
-/// frame, during which the GPU is idle. On a CPU, polling would take time from the frame.
+/// Maximum time to poll a fence of a GPU before the thread sleeps. Waking a thread takes 0.1 ms, as long as a short
+/// frame, and the GPU is idle meanwhile. On a CPU, polling would take time from the frame.
 const POLLED: Duration = Duration::from_micros(500);
 
 /// Polls the fence until it is signalled or `limit` has passed. Errors are left to the wait that follows.

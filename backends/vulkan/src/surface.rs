@@ -109,7 +109,7 @@ const FORMATS: [vk::Format; 5] = [
     vk::Format::R5G6B5_UNORM_PACK16,
 ];
 
-/// Chooses the format of the window's images: the first of [`FORMATS`] that is `offered` in the colour space
+/// Chooses the format of the window's images. It is the first of [`FORMATS`] that is `offered` in the colour space
 /// `SRGB_NONLINEAR` and that the device can blit to. The error is [`BackendError::Unavailable`] if there is none.
 pub(crate) fn format(
     offered: &[vk::SurfaceFormatKHR],
@@ -159,8 +159,8 @@ pub(crate) fn extent(
     (extent.width > 0 && extent.height > 0).then_some(extent)
 }
 
-/// Returns the number of images to request: one more than the minimum, so that one can be drawn without waiting, but at
-/// most the surface's maximum.
+/// Returns the number of images to request: one more than the minimum, but at most the surface's maximum. The
+/// additional image can be drawn without waiting.
 pub(crate) fn image_count(capabilities: &vk::SurfaceCapabilitiesKHR) -> u32 {
     let most = if capabilities.max_image_count == 0 { u32::MAX } else { capabilities.max_image_count };
     (capabilities.min_image_count + 1).min(most)
@@ -172,8 +172,8 @@ pub(crate) fn composite_alpha(offered: vk::CompositeAlphaFlagsKHR) -> vk::Compos
     known.into_iter().find(|&alpha| offered.contains(alpha)).unwrap_or(Alpha::OPAQUE)
 }
 
-/// Chooses the transform: identity if supported, so that the window system rotates the picture for a rotated display;
-/// otherwise the current one.
+/// Chooses the transform: identity if supported, otherwise the current one. With identity, the window system rotates
+/// the picture for a rotated display.
 pub(crate) fn transform(capabilities: &vk::SurfaceCapabilitiesKHR) -> vk::SurfaceTransformFlagsKHR {
     if capabilities.supported_transforms.contains(vk::SurfaceTransformFlagsKHR::IDENTITY) {
         vk::SurfaceTransformFlagsKHR::IDENTITY

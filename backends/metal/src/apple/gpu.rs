@@ -55,7 +55,8 @@ impl Submission {
         progress(self.commands.iter().map(|commands| objc::status(commands)))
     }
 
-    /// Blocks until the submission has completed, for at most `limit` (1 ms or more) plus Metal's own work on the host.
+    /// Blocks until the submission has completed, for at most `limit` (1 ms or more). Metal's own work on the host may
+    /// add to it.
     pub fn wait(&self, limit: Duration) {
         let milliseconds = u64::try_from(limit.as_millis()).unwrap_or(u64::MAX).max(1);
         let (event, value) = &self.done;

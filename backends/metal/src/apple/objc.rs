@@ -113,8 +113,8 @@ pub(crate) fn error(commands: &CommandBufferRef) -> (i64, String) {
     })
 }
 
-/// Returns the times, in seconds, at which the device started and finished a completed command buffer; 0 if Metal
-/// reports none.
+/// Returns the times, in seconds, at which the device started and finished a completed command buffer. They are 0 if
+/// Metal reports none.
 pub(crate) fn device_times(commands: &CommandBufferRef) -> (f64, f64) {
     // SAFETY: two properties of type CFTimeInterval, which is a double.
     unsafe { (msg_send![commands, GPUStartTime], msg_send![commands, GPUEndTime]) }

@@ -39,10 +39,10 @@ struct Edge {
 
 struct Walk<'a> {
     plan: &'a Plan,
-    /// For each pass, the index of its last encoder in the walk, and of the pass in that encoder; `None` before it has
-    /// run.
+    /// For each pass, the index of its last encoder in the walk, and of the pass in that encoder. `None` before the
+    /// pass has run.
     places: Vec<Option<(usize, usize)>>,
-    /// The waits of each encoder in the walk: those of the prologue, the first frame and the second.
+    /// The waits of each encoder in the walk, which covers the prologue and two frames.
     waits: Vec<Vec<Edge>>,
 }
 
@@ -206,8 +206,8 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// Places or extends barriers in an encoder between the earlier passes of `needs` and the pass at `position`, unless
-/// existing barriers order them.
+/// Places or extends barriers between the earlier passes of `needs` and the pass at `position` of an encoder. Skips the
+/// needs that existing barriers meet.
 fn place<'a>(ordered: &mut Ordered<'a>, position: usize, mut needs: Vec<Need<'a>>) {
     needs.retain(|need| {
         let covers = |barrier: &Option<MemoryBarrier>| barrier.is_some_and(|b| b.contains(need.scope));

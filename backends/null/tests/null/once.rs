@@ -1,5 +1,5 @@
-//! Tests buffers that only the prologue uses: freed after it, omitted if its results are reused, in host memory if
-//! device memory is short.
+//! Tests buffers that only the prologue uses. They are freed after it, omitted if its results are reused, and in host
+//! memory if device memory is short.
 
 use crate::common::*;
 use crate::results::{SUMS, folding, load_sharing};

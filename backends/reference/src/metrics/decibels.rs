@@ -25,7 +25,7 @@ pub fn serialize<S: Serializer>(psnr_db: &Option<f64>, serializer: S) -> Result<
     Decibels(psnr_db.unwrap_or(f64::INFINITY)).serialize(serializer)
 }
 
-/// Reads what [`serialize`] writes.
+/// Reads the PSNR that [`serialize`] writes; `None` for `inf`.
 ///
 /// # Errors
 /// The value is neither a number nor `inf`.

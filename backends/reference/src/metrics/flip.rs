@@ -15,13 +15,13 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// Pixels per degree: those of a 4K display, as far away as it is wide.
+/// Pixels per degree of a 4K display, seen from a distance that equals its width.
 const PIXELS_PER_DEGREE: f64 = 3840.0 * PI / 180.0;
 
 /// A picture after the filters of FLIP, 20 bytes a pixel. A picture that is compared several times is filtered once.
 pub struct Seen {
     width: usize,
-    /// In L*a*b* with the Hunt effect.
+    /// Colours in L*a*b* with the Hunt effect.
     colour: Vec<[f32; 3]>,
     /// Strength of the edge and of the point at each pixel.
     features: Vec<[f32; 2]>,

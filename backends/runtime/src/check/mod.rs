@@ -395,8 +395,8 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Refuses a shader with subgroup operations if its subgroup size can differ from the size that the graph assumes:
-    /// the plan was built for another size, or the driver may choose one. Such a shader can write out of bounds.
+    /// Refuses a shader with subgroup operations if its subgroup size can differ from the size that the graph assumes.
+    /// Either the plan was built for another size, or the driver may choose one. Such a shader can write out of bounds.
     fn subgroups(&self, shader: &Shader) -> Result<(), BackendError> {
         let (limits, local) = (&self.limits.subgroup, shader.reflection.local_size);
         if !shader.reflection.has_subgroups() {

@@ -40,7 +40,7 @@ impl Barriers {
         all.map(|at| (at, self.at(at)))
     }
 
-    /// Lists the stages, except `HOST`, whose work in this frame or the next waits for the copies of the plan's export.
+    /// Lists the stages, except `HOST`, whose work in this frame or the next waits for the export's copies.
     ///
     /// A blit recorded after the frame counts as one of these copies, so work that waits for them must wait for the
     /// blit. Later barriers name `COPY`, or chain with barriers between the export and the frame's end. Those barriers
@@ -67,8 +67,8 @@ impl Barriers {
 /// chapter 7, "Synchronization and Cache Control".)
 #[derive(Clone, Debug, PartialEq)]
 pub struct Barrier {
-    /// The image whose layout changes. The change is a write that happens between source and target, and is visible to
-    /// the target.
+    /// The image whose layout changes; `None` for a barrier on all memory. The change is a write that happens between
+    /// source and target, and is visible to the target.
     pub image: Option<Transition>,
     /// Stages to wait for, writes to make available, stages that wait, and accesses that the writes become visible to.
     pub masks: Masks,

@@ -42,8 +42,8 @@ pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, plan: &Plan) -> O
     Some(steps)
 }
 
-/// Adds a barrier to a call: merges its masks and causes into the barrier with the same layout change, or on all
-/// memory, if the call has one.
+/// Adds a barrier to a call. Merges its masks and causes into the call's barrier with the same layout change, or on all
+/// memory, if there is one.
 fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
     match call.iter_mut().find(|b| b.image == barrier.image) {
         Some(known) => {

@@ -100,7 +100,7 @@ pub(super) struct Scopes {
 }
 
 impl Scopes {
-    /// Returns the source stages that wait for the work of `origin` up to `time`; a barrier needs any one of them.
+    /// Returns the source stages that wait for the work of `origin` up to `time`. A barrier needs any one of them.
     pub fn after(&self, origin: Origin, time: Time) -> Stages {
         origin.named_by() | reached(&self.ordered, origin, time)
     }

@@ -272,7 +272,7 @@ impl<'a> SyncState<'a> {
         needs
     }
 
-    /// Returns the time of a dependency's earlier pass; `None` if it has not run, or if a later layout change replaces
+    /// Returns the time of a dependency's earlier pass. `None` if it has not run, or if a later layout change replaces
     /// it.
     fn time(&self, dependency: &Dependency) -> Option<Time> {
         let time = self.ran[dependency.first.index()];
@@ -363,8 +363,8 @@ impl<'a> SyncState<'a> {
         add(needs, Requirement { reason, from, flush: Accesses::empty(), via, to, access });
     }
 
-    /// Adds, for each source stage, the requirement that `to` run after its reads, unless it already does: execution
-    /// only, for a write after a read.
+    /// Adds, for each source stage, the requirement that `to` run after its reads, unless it already does. The
+    /// requirement, a write after a read, is for execution only.
     fn order(
         &self,
         dependency: &Dependency,

@@ -4,8 +4,8 @@ use crate::build::*;
 use splatgraph_api::{Bounds, Device, FrameInputs, Inspect};
 use splatgraph_framework::ir::*;
 
-/// Accesses a buffer of four words near and far beyond its end, and an image of 2 x 2 pixels outside its bounds. Each
-/// invocation uses another offset.
+/// Shader that accesses a buffer of four words near and far beyond its end. It also accesses an image of 2 x 2 pixels
+/// outside its bounds. Each invocation uses another offset.
 const STRAY: &str = "layout(local_size_x = 64) in;
 layout(set = 0, binding = 0) buffer Words { uint words[]; };
 layout(set = 0, binding = 1, r32ui) uniform uimage2D image;

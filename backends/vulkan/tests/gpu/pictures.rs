@@ -21,8 +21,8 @@ void main() { imageStore(row, ivec2(gl_WorkGroupID.x, 0), uvec4(value)); }",
     build.export(image)
 }
 
-/// Returns a plan that outputs, for each of two rows, the first pixel, the number of pixels, and the number equal to
-/// the first.
+/// Returns a plan that examines the pixels of two rows. For each row, it outputs the first pixel, the number of pixels,
+/// and the number equal to the first.
 fn compare() -> Plan {
     let mut build = Build::new();
     let rows = ["frame.left", "frame.right"].map(|name| build.given(name, 4, 1));
@@ -272,7 +272,8 @@ fn a_picture_is_its_executors_memory_until_it_has_another_and_then_of_the_frames
     finish(window);
 }
 
-/// 2,900 x 2,900 pixels of 16 bytes exceed 128 MiB, the binding limit of lavapipe and the minimum of every device.
+/// Reads a picture of more than 128 MiB, the binding limit of lavapipe and the minimum of every device. It has 2,900 x
+/// 2,900 pixels of 16 bytes.
 #[test]
 fn a_picture_larger_than_a_storage_binding_is_read_by_its_rows() {
     const SIDE: u32 = 2900;

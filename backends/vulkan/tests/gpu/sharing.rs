@@ -16,8 +16,9 @@ const FROM_IMAGE: &str = "layout(set = 0, binding = 0, r32ui) readonly uniform u
 layout(set = 0, binding = 1) writeonly buffer Target { uint target[]; };
 void main() { uint i = gl_WorkGroupID.x; target[i] = imageLoad(source, ivec2(i, 0)).x; }";
 
-/// A plan that fills `first` and copies it to `kept`, to `second`, to `kept`, to the image `third`, and back to `kept`,
-/// the output. Copies between buffers add 1, the copy to the image adds 10.
+/// A plan that fills `first`, and copies it through the other aliases to the output, `kept`. The copies go to `kept`,
+/// `second`, `kept`, the image `third`, and back to `kept`. Copies between buffers add 1, the copy to the image adds
+/// 10.
 struct Aliases {
     build: Build,
     aliases: [ResourceId; 3],

@@ -5,7 +5,7 @@ use splatgraph_api::{Device, FrameId, FrameInputs, Inspect, Loader, Progress};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
 
-/// Returns a plan that adds `step` every frame to the first word of a buffer, and to every pixel of an image.
+/// Returns a plan that adds `step` every frame to a buffer's first word and to every pixel of an image.
 ///
 /// Both have a history. The image is `width` pixels wide and is the output; the statistic `name` is the word. `alter`
 /// changes the plan before it is finished.

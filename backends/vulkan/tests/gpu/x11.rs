@@ -1,4 +1,4 @@
-//! Plain windows for tests.
+//! Plain X11 windows for tests.
 
 use raw_window_handle::{
     DisplayHandle, HandleError, HasDisplayHandle, HasWindowHandle, RawWindowHandle, WindowHandle,

@@ -401,7 +401,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
     }
 
     /// Stores the first timestamp's index for the pass's encoder, which is opened later and samples both timestamps.
-    /// Does nothing for the second timestamp, those of the frame, and an encoder that is open.
+    /// Does nothing for the second timestamp, for the frame's own timestamps, and if the encoder is already open.
     fn timestamp(&mut self, _: &Timestamps, index: u32) {
         if let (Some(sample), Some(_)) = (times::sample(index), self.next)
             && sample.is_multiple_of(2)

@@ -56,7 +56,7 @@ pub struct Encoder {
     pub(super) waits: Vec<FenceUse>,
     pub(super) bound: Bound,
     pub(super) times: Option<Timestamps>,
-    /// Index of the first of the next encoder's two samples.
+    /// Index of the first of the next encoder's two samples; `None` if the encoder is not timed.
     pub(super) sample: Option<u32>,
     pub(super) label: String,
     /// Number of debug groups open in the command encoder.

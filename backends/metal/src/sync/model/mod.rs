@@ -52,8 +52,8 @@ pub enum Objection {
         /// The resource of the first access, if it is an alias of `resource`.
         through: Option<ResourceId>,
     },
-    /// The encoders do not match the plan or are inconsistent, a fence is waited for without an update, or an update
-    /// may overtake a wait. The text says which.
+    /// The encoders are malformed. They do not match the plan or are inconsistent, a fence is waited for without an
+    /// update, or an update may overtake a wait. The text says which.
     Malformed(String),
 }
 

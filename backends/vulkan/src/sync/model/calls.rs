@@ -28,7 +28,7 @@ struct Kind {
     calls: Vec<u32>,
 }
 
-/// Up to this number of calls (or of kinds, if larger), a cell passes through them one by one instead of searching.
+/// Number of calls (or of kinds, if larger) up to which a cell passes through each call instead of searching.
 const FEW: usize = 8;
 
 impl Calls {

@@ -107,7 +107,7 @@ pub struct Write {
     pub actor: Actor,
     pub resource: ResourceId,
     pub time: u32,
-    /// Empty for a layout change and a write of the host, which no source mask can name.
+    /// Stage of the write; empty for layout changes and writes of the host, which no source mask can name.
     pub stage: Stages,
     pub access: Accesses,
     /// Stages whose later accesses are ordered after this write.

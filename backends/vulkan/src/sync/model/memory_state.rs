@@ -237,7 +237,7 @@ impl<'a> MemoryState<'a> {
         when.frame() % self.replay.copies.max(1)
     }
 
-    /// Simulates the host before a frame: waits for the fence of an earlier frame, and writes the uniform blocks and
+    /// Simulates the host before a frame. Waits for the fence of an earlier frame, and writes the uniform blocks and
     /// host buffers.
     ///
     /// Submission makes these writes visible to the device (Vulkan 1.3, 7.9 "Host Write Ordering Guarantees").

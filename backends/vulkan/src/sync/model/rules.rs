@@ -41,6 +41,6 @@ impl Rules {
     ///
     /// They demand the bits that the lowering adds to layout changes for validation layers only.
     pub const NECESSARY: Rules = Rules { writes_see_writes: true, changes_name_writes: true };
-    /// Like [`Rules::NECESSARY`], but a write after a write requires only availability.
+    /// The rules of [`Rules::NECESSARY`], but a write after a write requires only availability.
     pub const AVAILABILITY: Rules = Rules { writes_see_writes: false, changes_name_writes: true };
 }

@@ -28,7 +28,7 @@ pub fn with_earlier(stages: Stages) -> Stages {
     scope
 }
 
-/// A set of (stage, access) pairs: at each of 10 stages, a bit for each access, of which there can be 12.
+/// A set of (stage, access) pairs: at each of 10 stages, a bit for each of up to 12 accesses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pairs(u128);
 

@@ -38,12 +38,12 @@ pub enum ViolationKind {
     WriteAfterWrite,
     /// An access or a layout change that expects a layout other than the image's current one.
     Layout,
-    /// A read of bytes that hold no contents of the resource, or only an earlier frame's, if they do not persist.
+    /// A read of bytes without contents of the resource, or with an earlier frame's contents that do not persist.
     Unwritten,
 }
 
-/// The guarantee that the later access lacks: the layout, the contents, or the first missing one of order, availability
-/// and visibility.
+/// The guarantee that the later access lacks. It is the layout, the contents, or the first missing one of order,
+/// availability and visibility.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Missing {
     /// The earlier access may still be running.
