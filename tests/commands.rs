@@ -105,7 +105,7 @@ fn every_preset_passes_its_check() {
         );
     }
     for lanes in ["4", "8", "16", "32", "64"] {
-        // A graph that is not drawn is named: "`splat`: ...". Graphs with outputs have a line more.
+        // A graph that is not drawn is named: "`splat`: ...". Graphs with outputs have one more line.
         let has = |line: &&str| {
             line.split_once(" lanes: ").is_some_and(|(all, rest)| {
                 let is_other = rest.starts_with('`') || rest.starts_with("with every output: ");

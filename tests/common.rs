@@ -1,4 +1,5 @@
-//! Shared by the tests: devices, plans, graphs, the data folder, separate processes, and the choice of long runs.
+//! Helpers that the tests share: devices, plans, graphs, the data folder, separate processes, and the choice of long
+//! runs.
 
 use crate::again::passes_again;
 use crate::captures::captures;
@@ -56,7 +57,7 @@ fn is_lavapipe(device: &Backend) -> bool {
     matches!(device, Backend::Vulkan(_)) && device.info().name.contains("llvmpipe")
 }
 
-/// Set in the processes that [`again_with_vectors_of`] starts.
+/// Environment variable set in the processes that [`again_with_vectors_of`] starts.
 const EXPECTED_LANES: &str = "SPLATGRAPH_EXPECT_LANES";
 
 /// Returns false in the processes that [`again_with_vectors_of`] starts.
@@ -84,7 +85,7 @@ pub fn graphs() -> Vec<&'static str> {
     builtin::names().into_iter().chain(bench::GRAPHS).chain([paint::GRAPH]).collect()
 }
 
-/// Keeps the SPIR-V of every shader that a planner of this process compiles, as the shader cache does between runs.
+/// A cache of the SPIR-V of every shader that this process's planners compile, like the shader cache between runs.
 #[derive(Debug, Default)]
 struct Shaders(Mutex<HashMap<Vec<u8>, Vec<u32>>>);
 
@@ -141,18 +142,18 @@ pub fn again_with_vectors_of(bits: u32, test: &str) {
     passes_again(&format!("with vectors of {bits} bits"), test, &set);
 }
 
-/// Set in the processes that [`alone`] starts.
+/// Environment variable set in the processes that [`alone`] starts, to the name of the test.
 #[cfg(target_os = "linux")]
 pub const ALONE: &str = "SPLATGRAPH_ALONE";
 
-/// Runs `body` in a separate process, so that process-wide state (memory, threads, open files, panics on any thread)
+/// Runs `body` in a separate process. Process-wide state (memory, threads, open files, panics on any thread) then
 /// belongs to the test. The process is this binary, running only `test`, the caller.
 #[cfg(target_os = "linux")]
 pub fn alone(test: &str, body: impl FnOnce()) {
     alone_with(test, &[], body);
 }
 
-/// Like [`alone`], with more environment variables.
+/// Runs `body` like [`alone`], with more environment variables.
 #[cfg(target_os = "linux")]
 pub fn alone_with(test: &str, set: &[(&str, &str)], body: impl FnOnce()) {
     if std::env::var_os(ALONE).is_some_and(|name| name == test) {

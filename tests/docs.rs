@@ -13,7 +13,8 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// Cargo, and maturin for the source distribution of the Python package, pack the files of a crate's folder alone.
+/// Checks the list of packed files. Cargo packs only files in the crate's folder, and so does maturin for the Python
+/// package's source distribution.
 #[test]
 fn the_package_of_the_program_has_every_file_that_is_built_in() {
     let cargo = std::env::var_os("CARGO").unwrap_or("cargo".into());

@@ -70,7 +70,8 @@ impl Builds {
     }
 }
 
-/// Returns other values to try: all of a choice; the ends and the middle of a range, and an integer's neighbours.
+/// Returns other values to try. They are all values of a choice, or the ends and the middle of a range, and an
+/// integer's neighbours.
 fn others(param: &Param) -> Vec<String> {
     let mut values: Vec<String> = match &param.domain {
         Domain::Bool => vec!["true".into(), "false".into()],

@@ -180,7 +180,7 @@ fn serial_and_subgroup_sorts_and_the_factored_covariance_draw_the_same() {
     assert!(db > 60.0, "the factored covariance is {db:.1} dB away");
 }
 
-/// The demo scene needs no download, so every preset is validated even without captures.
+/// Validates every preset with the demo scene, which needs no download.
 #[test]
 fn every_preset_draws_a_generated_scene_without_a_validation_message() {
     let scene = splatgraph_assets::synth::generate("demo", 20_000, 1).expect("a generator");
@@ -208,7 +208,8 @@ fn every_preset_draws_with_subgroups_of_4_and_of_16_lanes() {
     }
 }
 
-/// `stale_order` uses the previous frame's order: the first frame draws nothing, and a repeated view is correct.
+/// Draws with `stale_order`, which uses the previous frame's order. The first frame draws nothing, and a repeated view
+/// is correct.
 #[test]
 fn the_order_of_the_last_frame_draws_a_view_that_it_has_seen_as_the_order_of_this_one_does() {
     let scene = || splatgraph_assets::synth::generate("demo", 20_000, 1).expect("a generator");

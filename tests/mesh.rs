@@ -94,12 +94,12 @@ fn quads_and_tiles_with_a_mesh_draw_what_the_exact_renderer_draws_from_four_came
     common::assert_silent(session.device(), "meshes");
 }
 
-/// Returns a camera at the origin that looks along +z, 16 x 16 pixels; one unit at depth 2 is 8 pixels.
+/// Returns a camera at the origin that looks along +z, 16 x 16 pixels. One unit at depth 2 is 8 pixels.
 fn camera() -> Camera {
     Camera { fx: 16.0, fy: 16.0, ..Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (16, 16)) }
 }
 
-/// Makes a square of one colour, 2 x 2 units, at `z`, with its upper left corner at `left` and `top`.
+/// Makes a square of one colour, 2 x 2 units, at `z`. Its upper left corner is at `left` and `top`.
 fn square([left, top]: [f32; 2], z: f32, base_color: [f32; 4]) -> Mesh {
     let mut mesh = Mesh {
         positions: [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]

@@ -242,7 +242,7 @@ fn macros_that_grow_without_end_are_an_error_at_the_shader() {
     place.write("hash.glsl", bomb);
     let errors = place.fails("check graph.ron", 1);
     let told = ["the compiler took over ", "the compiler ran out of its "];
-    // Elsewhere than on Linux, time may run out first: Windows limits nothing else.
+    // On systems other than Linux, time may run out first: Windows limits nothing else.
     let told = if cfg!(target_os = "linux") { &told[..1] } else { &told[..] };
     assert!(told.iter().any(|limit| errors.contains(limit)), "{errors}");
 }

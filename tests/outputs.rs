@@ -18,8 +18,8 @@ const TOLERANCE: f64 = 1e-4;
 /// The outputs that quads can draw too.
 const SUMS: [&str; 3] = ["alpha", "depth", "expected_depth"];
 
-/// Returns scenes with cameras of 160 x 90 pixels: a capture if there is one, the scene of the rules' edge cases, a
-/// random scene, and a scene with wide positions.
+/// Returns scenes with cameras of 160 x 90 pixels. They are a capture if there is one, the scene of the rules' edge
+/// cases, a random scene, and a scene with wide positions.
 fn scenes() -> Vec<(&'static str, Arc<Scene>, Camera)> {
     let mut found = Vec::new();
     for golden in Golden::all("outputs of captures").into_iter().filter(|golden| golden.name != "biker") {

@@ -153,8 +153,8 @@ fn with_rounded_positions(scene: &Scene) -> Scene {
     })
 }
 
-/// Rounds harmonics as `sh_storage=q8` does: degree 0 to half floats, the others to multiples of 1/127 of the largest
-/// of them, which is itself rounded to a half float.
+/// Rounds harmonics as `sh_storage=q8` does. Degree 0 is rounded to half floats, the others to multiples of 1/127 of
+/// the largest of them, which is itself rounded to a half float.
 fn with_rounded_harmonics(scene: &Scene) -> Scene {
     let half = |v: f32| half::f16::from_f32(v).to_f32();
     Scene::generate(scene.count(), 3, |i| {

@@ -1,4 +1,4 @@
-//! Projections other than pinhole: each draws what the exact renderer draws, also at the picture's edges and where its
+//! Projections other than pinhole. Each draws what the exact renderer draws, also at the picture's edges and where its
 //! Jacobian degenerates.
 
 use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, OPEN, OPEN_TILES, QUADS, settings};

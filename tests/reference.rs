@@ -11,7 +11,7 @@ use splatgraph_reference::{Gaussian, RULES, RuleInfo, Rules, Splats, render};
 
 /// Minimum PSNR of every image, in dB over values clamped to 0..1.
 const AGREEMENT: f64 = 95.0;
-/// Maximum difference of a channel; a fragment at the alpha floor in f32 that is below it in f64 gives 0.0039.
+/// Maximum difference of a channel. A fragment at the alpha floor in f32 that is below it in f64 gives 0.0039.
 const WORST: f64 = 0.005;
 
 fn compare(

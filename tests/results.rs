@@ -1,4 +1,4 @@
-//! Results of `Once` passes that a plan takes over from the previous plan: the picture is identical, on a real driver.
+//! Results of `Once` passes that a plan takes over from the previous plan. The picture is identical, on a real driver.
 
 use crate::common::{self, Upload};
 use splatgraph::draw::backend::Backend;

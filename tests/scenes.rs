@@ -49,7 +49,7 @@ fn scenes_on_the_command_line_are_drawn_in_one_sort_with_their_places() {
     let both = picture(&place, "both.ron");
     assert!(both == picture(&place, "a.ply b.ply --at=0.5,-0.25,1"));
     assert!(both != picture(&place, "a.ply b.ply"), "the second scene is in the picture");
-    // In a folder, which is not one picture of each scene, and may have pictures of an earlier run.
+    // The folder gets one picture of both scenes, not a picture of each. It also has a file of an earlier run.
     place.write("both/old.png", "");
     let (_, errors) = place.said("render a.ply b.ply -c cameras.json#0 --size 16x9 -p splat -o both/");
     for line in ["2 scenes are in each picture; ", "both/: old.png is not of this run\n"] {

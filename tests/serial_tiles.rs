@@ -45,7 +45,7 @@ fn serial_tiles_draw_the_same_stack_with_subgroups_of_16_lanes() {
     common::again_with_vectors_of(512, TEST);
 }
 
-/// A picture of 256 x 256 bins: the table has a word for each bin and block of pairs.
+/// Plans a picture of 256 x 256 bins. The table has a word for each bin and block of pairs.
 #[test]
 fn serial_tiles_of_a_large_picture_have_a_plan_on_the_least_capable_device() {
     let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), (4096, 4096));

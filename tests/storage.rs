@@ -1,4 +1,4 @@
-//! The memory of a scene on the device: buffers freed after the first frame, and the size and error of packed splats.
+//! The memory of a scene on the device: buffers freed after the first frame, and packed splats' size and error.
 
 use crate::common::{self, settings};
 use crate::golden::Golden;

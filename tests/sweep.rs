@@ -38,7 +38,7 @@ fn a_sweep_holds_every_choice_against_the_truth_and_writes_what_it_found() {
 
     let csv = place.text("out/sweep.csv");
     assert_eq!(csv.lines().count(), 10, "{csv}");
-    // All phases, those that do not depend on the number of splats, too.
+    // All phases, including those that do not depend on the number of splats.
     let header: Vec<&str> = table.lines().next().expect("a header").split_whitespace().collect();
     let phases = all["time"]["phases"].as_object().expect("phases");
     assert!(phases.len() > 3 && phases.keys().all(|phase| header.contains(&phase.as_str())), "{table}");

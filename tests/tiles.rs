@@ -316,7 +316,8 @@ fn segments_are_longer_than_asked_where_the_device_has_no_buffer_for_the_sums_of
     assert_eq!([2048, 1024, 512].map(|mib| of(mib, Some("index"))), ["256", "513", "1282"]);
 }
 
-/// Narrower subgroups have shorter segments, because lavapipe ends long loops.
+/// Plans long segments at several subgroup sizes. Narrow subgroups have shorter segments, because lavapipe ends long
+/// loops.
 #[test]
 fn segments_are_as_long_as_asked_on_subgroups_of_32_lanes() {
     let of = |lanes| {
@@ -398,7 +399,7 @@ fn lists_without_room_grow_until_the_picture_is_whole() {
     }
 }
 
-/// Draws lists far longer than a segment: faint small splats over the whole picture, at nearly equal depths, so that no
+/// Draws lists far longer than a segment. Faint small splats cover the whole picture at nearly equal depths, so that no
 /// pixel stops early.
 #[test]
 fn long_lists_are_blended_to_their_end() {

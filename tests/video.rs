@@ -119,7 +119,7 @@ fn a_film_on_standard_output_is_a_y4m_and_a_reader_that_leaves_is_no_error() {
     assert!(piped.status.success());
     assert!(piped.stdout == place.bytes("film.y4m"));
     assert!(String::from_utf8_lossy(&piped.stderr).contains("standard output: 4 frames of 48 x 27"));
-    // Encoders refuse odd sizes, which keys of a window may have.
+    // Encoders refuse odd sizes, which keyframes set in a window may have.
     place.done("render scene.ply -c cameras.json --size 49x27 -o stills/ --write-cameras odd.json");
     let odd = place.run("video scene.ply -c odd.json --seconds=0.1 --fps=10 -o odd.y4m");
     assert!(

@@ -105,7 +105,7 @@ fn flat(format: Format, size: [u32; 2], colour: [u8; 3]) -> Option<Shown> {
     picture(format, size, |_, _| colour.map(|v| f32::from(v) / 255.0))
 }
 
-/// A picture that stays on the device comes in parts, a picture from the host in a single part.
+/// Compares a picture on the device, which comes in parts, with a picture from the host, in a single part.
 #[test]
 fn a_picture_in_parts_is_shown_like_one_in_one() {
     let mut window = Window::open([300, 300]);
@@ -378,7 +378,8 @@ fn textures_are_drawn_with_the_filter_that_they_ask_for_and_follow_changes() {
     window.close();
 }
 
-/// Draws the interface of a step: panels around the view, some of which change, and a box that crosses the view's edge.
+/// Draws the interface of a step. It has panels around the view, some of which change, and a box that crosses the
+/// view's edge.
 fn panels(ui: &mut egui::Ui, step: usize) {
     let rect = |[x, y, width, height]: [f32; 4]| Rect::from_min_size(pos2(x, y), vec2(width, height));
     let grey = |value: usize| Color32::from_gray(60 + 30 * value as u8);

@@ -1,5 +1,5 @@
-//! Derives lower bounds on the encoders, barriers, waits and fences of a frame on Metal from its passes and their
-//! dependencies only, without the lowering.
+//! Derives lower bounds on the encoders, barriers, waits and fences of a frame on Metal. They follow from the frame's
+//! passes and their dependencies only, without the lowering.
 //!
 //! For the given order of the passes, careful hand-written code cannot have fewer
 //!

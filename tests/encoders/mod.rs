@@ -19,7 +19,7 @@ use splatgraph_metal::sync::{Division, Encoders, Encoding, encoders};
 
 mod bound;
 
-/// Builds the plans of built-in graphs, benchmark graphs, the window's graph and an example, some with parameters that
+/// Builds the plans of built-in graphs, benchmark graphs, the window's graph and an example. Some have parameters that
 /// add or move passes.
 pub fn plans(share_memory: bool) -> Vec<Plan> {
     let mut planner = Planner::default();

@@ -1,5 +1,5 @@
-//! A limit on the size of files stands for a full disk: each output is whole or the old file, no other file is left,
-//! and the exit code reports it.
+//! A limit on the size of files stands for a full disk. Each output is whole or the old file, no other file is left,
+//! and the exit code reports the failure.
 
 use super::system::limit;
 use crate::place::{DRAW, Place};

@@ -195,7 +195,7 @@ fn ticks(pid: Pid) -> u64 {
     words.skip(11).take(2).filter_map(|word| word.parse::<u64>().ok()).sum()
 }
 
-/// Restores the default action of a signal, in case the tests were started with the signal ignored, as shells do for
+/// Restores the default action of a signal. The tests may have been started with the signal ignored, as shells do for
 /// background jobs.
 fn undo_ignoring(command: &mut Command, signal: Signal) {
     let undo = move || {

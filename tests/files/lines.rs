@@ -1,4 +1,4 @@
-//! Random command lines for the real program: it must exit with code 0, 1 or 2, and destroy no file that it reads.
+//! Random command lines for the real program. It must exit with code 0, 1 or 2, and destroy no file that it reads.
 
 use super::words::{self, Random};
 use crate::common::{long, say};

@@ -110,7 +110,7 @@ fn no_output_goes_over_a_file_that_another_input_names() {
         "render scene.ply -c views -o views/images",
         "would overwrite a photograph of the dataset",
     );
-    // A name that leads too far is not read, but can lead to a photograph.
+    // A photograph's name that leads too far away is not read, but an output must not overwrite the file.
     place.write("a.png", "");
     place.write(
         "views/far/transforms.json",

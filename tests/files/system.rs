@@ -81,7 +81,7 @@ fn few_threads_and_little_memory_are_no_reason_to_panic() {
         .save(&place.at("a.npy"))
         .expect("written");
     fs::set_permissions(place.at("."), fs::Permissions::from_mode(0o777)).expect("set");
-    // The limit on processes does not apply to root. So root runs the program as another user, from a copy which that
+    // The limit on processes does not apply to root. So root runs the program as another user, from a copy that this
     // user can reach.
     let program = place.at("program");
     let root = rustix::process::geteuid().is_root();

@@ -41,8 +41,8 @@ fn clang(folder: &Path, arguments: &[&str]) -> Result<(), String> {
     if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
 }
 
-/// Begin and end of SPIRV-Cross's array type, which has members for each address space. C++ cannot distinguish these,
-/// so the header has a type with one set of members.
+/// Beginning and end of SPIRV-Cross's array type, which has members for each address space. C++ cannot distinguish
+/// these, so the header has a type with one set of members.
 const ARRAY: (&str, &str) = ("template<typename T, size_t Num>\nstruct spvUnsafeArray\n{", "\n};\n");
 
 /// Converts a shader's text to C++, in a separate namespace. A compute shader also gets the C function

@@ -61,7 +61,8 @@ pub fn reads_what_was_written(plan: &Plan, earlier: usize, later: usize) -> bool
     })
 }
 
-/// Returns true if both steps access the same memory and one writes it, or if they need an image in different layouts.
+/// Returns true if both steps access the same memory and one writes it. Also if they need an image in different
+/// layouts.
 pub fn conflicts(plan: &Plan, earlier: usize, later: usize) -> bool {
     uses(plan, earlier).iter().any(|one| {
         uses(plan, later).iter().any(|other| {

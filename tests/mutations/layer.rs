@@ -26,11 +26,11 @@ pub enum Blind {
     Atomics,
     /// It does not track reads and writes of the host.
     Host,
-    /// Accesses of a frame that the host waited for count as complete, even if they were not made available or visible.
+    /// Accesses of a frame that the host waited for count as complete, even if not made available or visible.
     Fences,
     /// A write made visible to one access counts as visible to everything that waits for that access.
     SeenByAnother,
-    /// A fill counts as a copy, and the backend translates both `CLEAR` and `COPY` to both stages: each implies the
+    /// A fill counts as a copy, and the backend translates both `CLEAR` and `COPY` to both stages. Each implies the
     /// other.
     FillsAreCopies,
     /// A buffer and an image share memory. For the layer, images have separate addresses.
@@ -59,7 +59,7 @@ impl fmt::Display for Blind {
 /// An access as the layer sees it.
 #[derive(Clone, Copy, PartialEq)]
 struct View {
-    /// Empty for a layout change.
+    /// Stage of the access; empty for a layout change.
     stage: Stages,
     access: Accesses,
     writes: bool,
@@ -153,8 +153,7 @@ impl Layer<'_> {
         })
     }
 
-    /// Returns true if a pass between `first` and `second`, in the same frame, reads the resource and `second` waits
-    /// for it.
+    /// Returns true if `second` waits for a pass between the two, in the same frame, that reads the resource.
     fn seen_between(
         &self,
         mutant: &Barriers,
@@ -255,7 +254,7 @@ fn is_bound(binding: &Binding, number: u32, resource: ResourceId) -> bool {
     binding.binding == number && binding.resource == resource
 }
 
-/// Returns the plan and its barriers as the layer sees them: fills run at the copy stage, and `CLEAR` means that stage.
+/// Returns the plan and its barriers as the layer sees them. Fills run at the copy stage, and `CLEAR` means that stage.
 fn with_fills_as_copies(plan: &Plan, barriers: &Barriers) -> (Plan, Barriers) {
     let (mut plan, mut barriers) = (plan.clone(), barriers.clone());
     let rename = |stages: &mut Stages| {

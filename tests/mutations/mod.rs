@@ -1,4 +1,4 @@
-//! Mutations of the built-in graphs: each barrier of their plans is removed, and each bit of its masks cleared, one at
+//! Mutations of the built-in graphs. Each barrier of their plans is removed, and each bit of its masks cleared, one at
 //! a time. The same is done to every dependency; the check of dependencies must notice.
 //!
 //! There are three judges. The longest [`chain`] of a frame is the minimum number of calls. The model of the Vulkan
@@ -201,8 +201,8 @@ fn what_waits_for_the_arguments_of_a_draw_names_a_stage_of_drawing() {
     assert!(waits > 0, "no barrier is for the arguments of a draw");
 }
 
-/// Counts the write accesses among the barriers' targets, and how many of them could be removed if write-after-write
-/// needed only availability.
+/// Counts the write accesses among the barriers' targets, and those removable if write-after-write needed only
+/// availability.
 pub fn target_writes(plan: &Plan) -> (usize, usize) {
     let barriers = builds::barriers(plan);
     let all = mutations(plan, &barriers).into_iter().filter(Mutation::clears_a_written_target).count();

@@ -1,5 +1,5 @@
-//! A compiler that reads only the declarations of a generated shader, each on its line, so that thousands of graphs can
-//! be built without C++.
+//! A compiler that reads only the declarations of a generated shader, each on its line. Thousands of graphs can thus be
+//! built without C++.
 
 use splatgraph_framework::ir::{
     Features, Format, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection,

@@ -13,7 +13,7 @@ use super::recipe::{Half, LARGE, Role};
 use super::sketch::Target;
 use crate::common::say;
 
-/// Returns true if the first pass of the frame that uses a resource fills it or clears it as a target.
+/// Returns true if the frame's first pass that uses a resource fills it or clears it as a target.
 fn starts_anew(plan: &Plan, id: ResourceId) -> bool {
     let uses = |pass: &&Pass| pass.uses.iter().any(|touch| touch.resource == id);
     let Some(first) = plan.frame.iter().map(|pass| plan.pass(*pass)).find(uses) else { return false };

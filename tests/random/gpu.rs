@@ -1,4 +1,4 @@
-//! Random graphs on the tests' device, with synchronization validation: a plan gives equal bytes for every order of its
+//! Random graphs on the tests' device, with synchronization validation. A plan gives equal bytes for every order of its
 //! passes, with and without shared memory, and with maximal barriers.
 
 use splatgraph::draw::backend::Backend;
@@ -46,7 +46,7 @@ pub struct Outcome {
     contents: BTreeMap<String, Vec<u8>>,
 }
 
-/// When the host waits for frames.
+/// The time at which the host waits for frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pace {
     /// After each frame, before it submits the next.
@@ -189,8 +189,8 @@ pub fn compares_submissions(test: &str) -> bool {
     again::compares_submissions()
 }
 
-/// Runs `property` on `cases` random graphs with full validation, on one device; in a long run, on 20 times as many.
-/// `test` is the name of the test.
+/// Runs `property` on `cases` random graphs with full validation, on one device. A long run has 20 times as many
+/// graphs. `test` is the name of the test.
 fn on_device(
     test: &str,
     limits: Limits,

@@ -176,7 +176,7 @@ fn shared_memory_is_no_more_and_held_by_one_at_a_time() {
     assert!(beside > 0, "no reads of single words beside images");
 }
 
-/// Counts the reads of indirect arguments and statistics behind the end of the pixels of an image in the same block.
+/// Counts the reads of indirect arguments and statistics behind the last pixel of an image in the same block.
 fn reads_beside_images(plan: &Plan) -> usize {
     let arguments = plan.passes.iter().filter_map(|pass| match pass.work {
         Work::Dispatch { groups: Groups::Indirect { buffer, offset }, .. } => Some((buffer, offset)),
@@ -192,8 +192,7 @@ fn reads_beside_images(plan: &Plan) -> usize {
         .count()
 }
 
-/// Checks that resources of one block are never used at the same time, and that resources that outlive a frame share
-/// none.
+/// Checks that resources of one block are never used at the same time. Resources that outlive a frame must share none.
 fn tenants_take_turns(plan: &Plan) -> Result<(), String> {
     for (resource, block) in plan.resources.iter().filter_map(|r| Some((r, r.block?))) {
         if resource.source != Source::Transient || block.index() >= plan.blocks.len() {

@@ -3,7 +3,7 @@
 use splatgraph_framework::ir::{PassId, Use, Work};
 use splatgraph_framework::plan::Plan;
 
-/// Returns orders of the frame that keep the order of conflicting passes, and the plan's export and host passes at the
+/// Returns orders of the frame that keep the order of conflicting passes. The plan's export and host passes stay at the
 /// end.
 ///
 /// Two passes conflict if they access the same resource and one of them writes. Returns at most `most` orders,

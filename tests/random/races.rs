@@ -1,4 +1,4 @@
-//! Races inside a pass: graphs with a race are refused, and the model finds a race that is added to a plan.
+//! Races inside a pass. Graphs with a race are refused, and the model finds a race that is added to a plan.
 
 use splatgraph_framework::ir::{Accesses, Stages, Use, Work as PlanWork};
 use splatgraph_vulkan::sync::model::{Replay, replay};

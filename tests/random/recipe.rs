@@ -134,9 +134,9 @@ impl When {
 pub struct PassWish {
     pub kind: Kind,
     pub reads: Vec<(Pick, Stage)>,
-    /// Each with true if the previous contents are read, too. The stage is used only by draws.
+    /// Resources to write, each with true if the previous contents are read, too. The stage is used only by draws.
     pub writes: Vec<(Pick, bool, Stage)>,
-    /// A buffer of arguments, and the index of the arguments in it.
+    /// A buffer of arguments, and the index of the arguments in it; `None` for direct work.
     pub indirect: Option<(Pick, u8)>,
     pub when: When,
     pub stands: Stands,

@@ -137,7 +137,8 @@ struct Writer<'a> {
     passes: String,
     /// Number of idle passes so far.
     idle: usize,
-    /// True if the next idle pass may read the last one, which runs under all settings and reads no idle pass itself.
+    /// True if the next idle pass may read the last one. It may if the last one runs under all settings and reads no
+    /// idle pass.
     idle_runs: bool,
     idle_shaders: Vec<(String, String)>,
     parts: Vec<(String, String)>,

@@ -15,9 +15,9 @@ use super::recipe::{
 #[derive(Clone, Debug)]
 pub struct Sketch {
     pub buffers: Vec<BufferWish>,
-    /// The last one is the output.
+    /// The images; the last one is the output.
     pub images: Vec<ImageWish>,
-    /// In the order of declaration; the last one writes the output.
+    /// The passes in the order of declaration; the last one writes the output.
     pub passes: Vec<Pass>,
     pub nodes: Vec<Node>,
     /// A buffer and the byte offset of the word that is read back.
@@ -101,7 +101,7 @@ enum Fault {
 
 /// The passes that run under one pair of settings, in the order of the file.
 struct Runs {
-    /// Each with the half of every buffer that is the front when it runs.
+    /// Indices of the passes, each with the half of every buffer that is the front when the pass runs.
     passes: Vec<(usize, Vec<usize>)>,
     /// The half of every buffer that is the front when the frame ends.
     fronts: Vec<usize>,
@@ -331,9 +331,9 @@ impl Sketch {
         }
     }
 
-    /// Drops the reads and statistics that are invalid under these settings: of contents that are not written yet, or
-    /// of the last frame's contents after they were overwritten. Kept targets and indirect arguments count as reads.
-    /// Returns false if nothing was dropped.
+    /// Drops the reads and statistics that are invalid under these settings. They are of contents that are not written
+    /// yet, or of the last frame's contents after they were overwritten. Kept targets and indirect arguments count as
+    /// reads. Returns false if nothing was dropped.
     fn mend(&mut self, settings: Settings) -> bool {
         let runs = self.runs(settings);
         let past = Past::of(self, &runs);
@@ -410,7 +410,7 @@ impl Sketch {
         !faults.is_empty() || self.stats.len() != stats
     }
 
-    /// Moves passes to the start or the end of the file if they wish so and may be anywhere in it.
+    /// Moves passes to the start or the end of the file, as wished, if any position is valid.
     ///
     /// Such a pass runs in every frame and outside repeats, and accesses no ping-pong buffer. Except for reads of the
     /// previous frame, it accesses no history and no resource with several writers.

@@ -36,7 +36,7 @@ const VIEWERS: u64 = 4;
 const SHORT: usize = 80;
 const LONG: usize = 2_000;
 
-/// One case in this many relies on the viewer's watcher to notice the damage, and on the delay for broken files. In the
+/// Interval, in cases, at which the viewer's watcher must notice the damage, with its delay for broken files. In the
 /// others, the renderer is told directly. The repair is always left to the watcher.
 const WATCHED: usize = 25;
 
@@ -194,14 +194,14 @@ struct Beside {
     graphs: [Building; 2],
 }
 
-/// Holds the inputs of a graph's build.
+/// The inputs of a graph's build.
 struct Building {
     planner: Planner,
     graph: String,
     set: Vec<(String, String)>,
     facts: Facts,
     catalog: Catalog,
-    /// The plan of the intact files.
+    /// The plan of the intact files; `None` until it is built.
     plan: Option<Plan>,
 }
 

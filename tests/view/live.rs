@@ -252,7 +252,7 @@ fn files_that_are_dropped_are_opened_and_bad_ones_lose_nothing() {
     viewer.close();
 }
 
-/// Camera files are in world coordinates, the viewer's cameras in the coordinates of its scene.
+/// Opens a camera file, which is in world coordinates. The viewer's cameras are in the coordinates of its scene.
 #[test]
 fn cameras_follow_the_scene_to_its_origin_whichever_is_read_first() {
     let mut viewer = drawing("splat", &[]);

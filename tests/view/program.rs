@@ -39,7 +39,7 @@ impl Program {
         Program::launch_with(splats, line, |_| {}, arrange)
     }
 
-    /// Like `launch`, but `change` first changes the command.
+    /// Starts the program like `launch`; `change` first changes the command.
     pub fn launch_with(
         splats: u32,
         line: &str,
@@ -306,7 +306,7 @@ impl Program {
         self.end_before(|| {})
     }
 
-    /// Like `end`, but calls `look` before the program's folder is removed.
+    /// Waits for the program's end like `end`, and calls `look` before the program's folder is removed.
     pub fn end_before(mut self, look: impl FnOnce()) -> (ExitStatus, String) {
         let mut ended = None;
         comes(|| {

@@ -1,4 +1,5 @@
-//! A screen for the real program: an X server without a display (Xvfb), and a user's input through the XTEST extension.
+//! A screen for the real program. It is an X server without a display (Xvfb), with a user's input through the XTEST
+//! extension.
 
 use std::time::{Duration, Instant};
 use x11rb::connection::Connection;
@@ -180,7 +181,7 @@ impl Window {
         self.fake(MOTION_NOTIFY_EVENT, 0, place);
     }
 
-    /// Presses a button of the pointer: 1 left, 2 middle, 3 right, 4 and 5 a notch of the wheel up and down.
+    /// Presses a button of the pointer. 1 is left, 2 middle and 3 right; 4 and 5 are a notch of the wheel up and down.
     pub fn press(&self, button: u8) {
         self.fake(BUTTON_PRESS_EVENT, button, [0, 0]);
     }

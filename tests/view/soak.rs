@@ -127,9 +127,9 @@ fn soak(length: Length) {
     soak.viewer.close();
 }
 
-/// Fails if the median of the resident memory is over `noise` bytes larger in the last third of the run than in the
-/// middle third; the first third fills caches. After the first third, open files, threads and the listed bytes must
-/// stay the same, and the device's memory except for padding and egui's textures.
+/// Fails if the median of the resident memory grows by over `noise` bytes from the middle third to the last. The first
+/// third of the run fills caches. After the first third, open files, threads and the listed bytes must stay the same,
+/// and the device's memory except for padding and egui's textures.
 fn check_growth(references: &[Reference], noise: u64) {
     let third = references.len() / 3;
     assert!(third >= 3, "{} reference states are too few to tell", references.len());
@@ -194,7 +194,7 @@ struct Soak {
     deeds: u64,
     plans: u64,
     failures: u64,
-    /// Pictures of the reference state: A, and the window.
+    /// Pictures of the reference state, A and the window; `None` before the first.
     shown: Option<[Image; 2]>,
     scenes: [&'static str; 3],
 }
@@ -258,7 +258,7 @@ impl Soak {
         }
     }
 
-    /// Waits for frames in flight; returns the number of due frames of A, B and the window that were not drawn.
+    /// Waits for frames in flight. Returns the number of due frames of A, B and the window that were not drawn.
     fn lost(&mut self) -> u64 {
         let drawn = self.viewer.drawn();
         assert!(drawn <= self.viewer.due, "{drawn} frames were drawn, and {} were due", self.viewer.due);

@@ -44,7 +44,7 @@ pub struct TestShell {
     pub pixels_per_point: f32,
     /// Calls of [`TestShell::frame`] so far.
     pub calls: u64,
-    /// Frames due so far: one of A for each call once it has a plan of the scene, and one of B if it is shown and has
+    /// Frames due so far. Each call has one of A once A has a plan of the scene, and one of B if B is shown and has
     /// one.
     pub due: u64,
     /// Due frames of the window that were not drawn.
@@ -63,7 +63,7 @@ impl TestShell {
         TestShell::open(Validation::Synchronization, scene, graph, &[], size)
     }
 
-    /// Like `new`, with another validation and with parameters.
+    /// Opens a viewer like `new`, with another validation and with parameters.
     pub fn open(
         validation: Validation,
         scene: (&str, u32),
