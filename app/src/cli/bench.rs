@@ -146,8 +146,8 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
     Ok(!report.is_empty())
 }
 
-/// Rejects graphs and parameters that are invalid both on this device and on the least capable supported one, for the
-/// first scene and size. Prints the settings without an effect.
+/// Rejects graphs and parameters that are invalid both on this device and on the least capable supported one. Only the
+/// first scene and size are checked. Prints the settings without an effect.
 ///
 /// A graph that needs a feature of another device is not an error: it becomes a row with the reason.
 fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {

@@ -81,8 +81,8 @@ pub fn load_beside(file: &Path) -> Option<Vec<Camera>> {
     cameras.inspect_err(told).ok()
 }
 
-/// Registers the files of `--cameras` and their photographs, or else the file beside the scene, as inputs, so that no
-/// output can overwrite them.
+/// Registers the files of `--cameras` and their photographs, or else the file beside the scene, as inputs. No output
+/// can then overwrite them.
 pub fn claim(guard: &mut OutputGuard, spec: Option<&str>, scene: Option<&Path>) -> Result<(), Usage> {
     if let Some(spec) = spec {
         return claim_file(guard, spec);
@@ -121,8 +121,8 @@ pub fn parse(spec: &str, ignore_distortion: bool) -> Result<Vec<Camera>, CameraE
     Ok(dataset.into_cameras())
 }
 
-/// Tells the user which file moved the cameras, if any, which models of COLMAP's are not read, and if several views
-/// have the name of the selected one.
+/// Tells the user how a dataset was read: which file moved the cameras, and which of COLMAP's models are not read. Also
+/// tells if several views have the name of the selected one.
 pub fn tell_alignment(dataset: &Dataset) {
     if let Some(file) = &dataset.alignment {
         say(format!("the cameras are moved to the space of nerfstudio's scene, by {}", file.display()));
@@ -140,8 +140,8 @@ pub fn tell_alignment(dataset: &Dataset) {
 
 /// Warns the user if principal points are farther from the middle of the pictures than scores tolerate.
 pub fn tell_off_center<'a>(cameras: impl IntoIterator<Item = &'a Camera>) {
-    /// Maximum offset without a warning, in pixels: it hardly changes a score. Half a pixel, as of
-    /// `cx = (width - 1) / 2`, does.
+    /// Maximum offset without a warning, in pixels. It hardly changes a score. But half a pixel does, as of
+    /// `cx = (width - 1) / 2`.
     const TOLERANCE: f64 = 0.05;
     let offsets = cameras.into_iter().flat_map(|camera| camera.principal_offset);
     let farthest = offsets.fold(0.0, |most: f64, v| v.abs().max(most));

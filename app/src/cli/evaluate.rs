@@ -397,9 +397,10 @@ fn request(args: &Args) -> Json {
     })
 }
 
-/// Describes what the scores depend on besides the request: the program, the device, the graph that is drawn, and how
-/// photographs are made smaller. For the exact renderer, the device and the graph are null; if no view can be drawn,
-/// the graph is.
+/// Describes what the scores depend on besides the request.
+///
+/// These are the program, the device, the graph that is drawn, and how photographs are made smaller. For the exact
+/// renderer, the device and the graph are null. The graph is also null if no view can be drawn.
 fn origin(drawer: &mut Drawer, downscaled: Option<&str>) -> Result<Json> {
     let (device, plan) = match drawer {
         Drawer::Reference(_) => (None, None),

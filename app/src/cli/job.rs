@@ -208,9 +208,10 @@ impl Manifest {
         }
     }
 
-    /// Names the differences from another description: only the command if it differs, otherwise the inputs except
-    /// [`REQUEST`], and the views or else their files. Files outside of the folder are compared by file name only,
-    /// because each folder has its own.
+    /// Names the differences from another description.
+    ///
+    /// If the command differs, only it is named. Otherwise, these are inputs except [`REQUEST`], and the views or else
+    /// their files. Files outside of the folder are compared by file name only, because each folder has its own.
     pub fn changes(&self, other: &Manifest) -> Vec<String> {
         if self.command != other.command {
             return vec!["command".into()];
@@ -471,7 +472,7 @@ pub fn refuse(given: &[(&str, bool)]) -> Result<(), Usage> {
     })
 }
 
-/// Rejects a graph whose pictures depend on earlier frames: each process, and each resumed one, draws other frames
+/// Rejects a graph whose pictures depend on earlier frames. Each process, and each resumed one, draws other frames
 /// before a view. `session` must be prepared.
 pub fn refuse_animated(session: &Session) -> Result<(), Usage> {
     match session.plan() {
@@ -501,7 +502,8 @@ mod tests {
         }
     }
 
-    /// A job of these views in a folder. Those with the listed indices fail, and it opens at most this many times.
+    /// A job in a folder, with the names of its views, the indices of the views that fail, and the number of times that
+    /// it can be opened.
     struct Some(PathBuf, Vec<String>, &'static [usize], Cell<u32>);
 
     impl Work for Some {

@@ -84,8 +84,8 @@ pub fn tell_mixed_tags(name: &str, scene: &Scene) {
     }
 }
 
-/// Finds a scene that was probably meant by a path that does not exist or is a folder: one with a similar name, or the
-/// only one in the folder.
+/// Finds a scene that was probably meant by a path that does not exist or is a folder. It has a similar name, or is the
+/// only scene in the folder.
 pub fn nearby(error: &LoadError) -> Option<PathBuf> {
     let path = &error.path;
     let folder = if path.is_dir() { path } else { path.parent()? };
@@ -209,8 +209,8 @@ pub fn in_scene(cameras: &[Camera], scene: &Scene) -> Vec<Camera> {
     cameras
 }
 
-/// Describes the cameras that are more than ten extents from the scene and look elsewhere, as cameras of other
-/// coordinates do. `None` if there are none.
+/// Describes the cameras that are more than ten extents from the scene and look elsewhere. They probably have other
+/// coordinates than the scene. `None` if there are none.
 pub fn stray_cameras(cameras: &[Camera], scene: &Scene) -> Option<String> {
     let bounds = scene.robust_bounds();
     let distance = |camera: &Camera| camera.distance_elsewhere(&bounds, 10.0 * bounds.extent());
@@ -224,8 +224,8 @@ pub fn stray_cameras(cameras: &[Camera], scene: &Scene) -> Option<String> {
     ))
 }
 
-/// Reports that `blind` of `of` cameras see no splat, unless `blind` is 0. `framing` names what frames the scene, if the
-/// splats are elsewhere.
+/// Reports that `blind` of `of` cameras see no splat, unless `blind` is 0. `framing` names what frames the scene, if
+/// the splats are elsewhere.
 pub fn tell_blind(scene: &Scene, (blind, of): (usize, usize), example: &Example, framing: &str) {
     let advice = format!("; {framing}, without --cameras, --eye and --target, frames the scene");
     if blind > 0 {

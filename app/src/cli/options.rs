@@ -275,8 +275,7 @@ impl EffortArgs {
     }
 }
 
-/// Registers the scene, or the demo scene, and the files of its cameras as inputs, so that no output can overwrite
-/// them.
+/// Registers the scene, or the demo scene, and the files of its cameras as inputs. No output can then overwrite them.
 pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<OutputGuard, Usage> {
     let mut guard = OutputGuard::default();
     match scene {

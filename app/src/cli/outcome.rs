@@ -6,7 +6,7 @@ use std::io::IsTerminal;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// Exit code 0.
+    /// Success: exit code 0.
     Done,
     /// A negative result that was already reported: exit code 1.
     Failed,
@@ -69,8 +69,8 @@ pub fn validated(asked: bool, messages: &[String]) -> Outcome {
     }
 }
 
-/// Returns true if messages have colours: standard error is a terminal that can show them, and `NO_COLOR` is unset or
-/// empty.
+/// Returns true if messages have colours. Standard error is then a terminal that can show them, and `NO_COLOR` is unset
+/// or empty.
 pub fn colour() -> bool {
     let variable = |name| std::env::var_os(name).filter(|value| !value.is_empty());
     std::io::stderr().is_terminal()

@@ -133,8 +133,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(args.device.validate, &subject.device.close()))
 }
 
-/// Lists the variants: the given graphs and parameters or, if none are given, the built-in graphs for the cameras'
-/// projection except `auto`.
+/// Lists the variants: the given graphs and parameters, or else the built-in graphs for the cameras' projection except
+/// `auto`.
 ///
 /// If only `--with` is given, `auto` without parameters comes first.
 fn variants(args: &Args, cameras: Projection) -> Vec<Setting> {

@@ -73,8 +73,8 @@ impl ScenesArgs {
         self.scene.iter().try_for_each(|path| fit::check_header(path, &load, device, pipeline, set))
     }
 
-    /// Adds how many splats would fit to an error about memory, if exactly one scene is named. `session` draws it at
-    /// this size; `limit` is that of `--memory`, in bytes.
+    /// Adds to an error about memory how many splats would fit, if exactly one scene is named. `session` draws the
+    /// scene at this size; `limit` is that of `--memory`, in bytes.
     pub fn too_large(
         &self,
         error: StorageError,

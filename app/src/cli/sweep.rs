@@ -130,7 +130,7 @@ fn report(swept: &SweepResult, shown: &[Shown], output: &Path) -> Result<()> {
 #[derive(Serialize, Deserialize)]
 pub struct Part {
     steps: Vec<Step>,
-    /// Measured with the first view; empty for all others.
+    /// Steps of the approach, measured with the first view; empty for all other views.
     closer: Vec<Closer>,
 }
 

@@ -121,7 +121,7 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
-/// Rejects a folder with files of another dataset: its photographs would stay among the new ones, and its model could
+/// Rejects a folder with files of another dataset. Its photographs would stay among the new ones, and its model could
 /// be read instead of the new one. The same command may run again.
 fn refuse_other(folder: &Path, photographs: &[PathBuf], model: &[(PathBuf, String)]) -> Result<(), Usage> {
     let entries = |below: &str| {

@@ -340,7 +340,7 @@ fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<
     Ok(images)
 }
 
-/// Finds the true picture of a camera: by the file name that `render` gives to its picture, or as its photograph.
+/// Finds the true picture of a camera. It has the file name that `render` gives to the picture, or is the photograph.
 /// Leading folders of the photograph's name may be part of `folder`: `images/a.png` may be `a.png` in `images`.
 fn true_picture(folder: &Path, camera: &Camera, stem: &str) -> Option<PathBuf> {
     let formats = ["npy", "exr"].into_iter().chain(EXTENSIONS);

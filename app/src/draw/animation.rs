@@ -1,4 +1,4 @@
-//! Detects plans whose frames may differ for equal inputs: plans with a history, and plans whose shaders read the frame
+//! Detects plans whose frames may differ for equal inputs. These have a history, or their shaders read the frame
 //! number. Also detects plans that ignore the background.
 
 use crate::draw::camera::{BACKGROUND, CAMERA, FRAME_NUMBER};

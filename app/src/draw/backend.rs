@@ -178,7 +178,7 @@ macro_rules! each {
     };
 }
 
-/// Evaluates `$call` on the contents of a `$from`, and wraps the result in the variant of `$to` for the same API.
+/// Evaluates `$call` on the contents of a `$from`. Wraps the result in the variant of `$to` for the same API.
 macro_rules! wrapped {
     ($value:expr, $from:ident => $to:ident, $own:ident => $call:expr) => {
         match $value {

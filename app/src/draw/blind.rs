@@ -1,4 +1,4 @@
-//! Finds cameras that see no splat. Their pictures are empty, so they are equal whatever draws them.
+//! Finds cameras that see no splat. Their pictures are empty, and therefore equal for every renderer.
 
 use crate::draw::truth::Truth;
 use crate::io::scene_file::splats;
@@ -36,7 +36,9 @@ fn centred(scene: &Scene, camera: &Camera, rules: &Rules, opacity: f64) -> impl 
 /// A view without a splat: its camera, in the scene's coordinates, and the rules by which it was drawn.
 pub type Example<'a> = Option<(&'a Camera, Rules)>;
 
-/// Returns the rules of a plan that can leave out splats whose centres are in the picture, in a view's other rules.
+/// Returns the rules of a view, with the plan's values of `low_pass` and `alpha_cap`.
+///
+/// These two parameters can leave out splats whose centres are in the picture.
 pub fn rules_of(plan: Option<&Plan>, scene: &Scene, camera: &Camera) -> Rules {
     let mut rules = Rules::of_view(scene, camera);
     for param in plan.iter().flat_map(|plan| &plan.params) {
@@ -76,8 +78,10 @@ fn is_invisible(scene: &Scene) -> bool {
     !(0..scene.count() as usize).any(|index| scene.can_show(index))
 }
 
-/// Reports that `blind` of `of` cameras see no splat, and why: all splats are invisible, rules leave them out, or they
-/// are elsewhere, in the box of most splats. Then `advice` follows.
+/// Reports that `blind` of `of` cameras see no splat, and why.
+///
+/// Either all splats are invisible, or rules leave them out, or they are elsewhere. In the last case, the text names
+/// the box of most splats, and ends with `advice`.
 pub fn note(scene: &Scene, (blind, of): (usize, usize), example: &Example, advice: &str) -> String {
     let why = match example.as_ref().and_then(|example| left_out(scene, example)) {
         _ if is_invisible(scene) => "no splat has an opacity of 1/255 or more".to_owned(),

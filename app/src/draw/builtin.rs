@@ -74,7 +74,7 @@ pub struct File {
     pub name: &'static str,
     /// Contents of the file.
     pub text: &'static str,
-    /// The graph's summary, or the first sentence of the shader's comment; empty if there is none, `has errors` for an
+    /// The graph's summary, or the first sentence of the shader's comment. Empty if there is none; `has errors` for an
     /// invalid graph.
     pub summary: String,
 }

@@ -148,8 +148,8 @@ impl Double {
     }
 }
 
-/// Chooses the reference point for positions in camera space: the camera itself, or a point amid the scene for a
-/// telephoto view of a distant scene. `depth` is the scene's depth range.
+/// Chooses the reference point for positions in camera space. It is the camera itself, or a point inside the scene for
+/// a telephoto view of a distant scene. `depth` is the scene's depth range.
 ///
 /// A position relative to the camera is rounded by 6e-8 of its distance. On the picture, this is fx * 6e-8 pixels at
 /// any distance: several pixels for a long focal length. Relative to a point inside the scene, it is rounded by 6e-8 of

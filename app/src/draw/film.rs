@@ -94,8 +94,8 @@ pub fn draw<T: Send + 'static>(
     let mut pictures = Pictures::new(options.jobs);
     let (mut exposure, mut ms, mut blind) = (Exposure::default(), Some(0.0), 0);
     let has_splats = session.scene().count() > 0;
-    // Waits for a sample in flight. `samples` is `None` unless it is the last of its picture; then it is their number,
-    // and the picture is encoded.
+    // Waits for a sample in flight. For the last sample of a picture, `samples` is the number of its samples, and the
+    // picture is encoded. For all others, it is `None`.
     let mut land =
         |session: &mut Session, (id, frame, samples): (FrameId, u32, Option<usize>)| -> Result<()> {
             let result = session.wait(id)?;

@@ -177,7 +177,7 @@ pub fn may_exceed(count: u64, size: (u32, u32), device: &DeviceFacts, heap: &Hea
     count.saturating_mul(MAX_SPLAT_BYTES) > device.max_storage_bytes || usual_bytes(count, size) > free
 }
 
-/// Returns true if [`may_exceed`] does for the least capable supported device, with 512 MiB of memory.
+/// Estimates like [`may_exceed`] for the least capable supported device, with 512 MiB of memory.
 pub fn may_exceed_any(count: u64, size: (u32, u32)) -> bool {
     let heap = Heap { bytes: MIN_MEMORY, available: None };
     may_exceed(count, size, &Target::nominal().facts, &heap)

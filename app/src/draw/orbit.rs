@@ -74,7 +74,7 @@ pub fn turn_between(from: &Camera, to: &Camera) -> f64 {
     2.0 * turn.xyz().length().atan2(turn.w.abs()).to_degrees()
 }
 
-/// Turns a camera towards a point and zooms by a factor, so that the point is in the middle of the picture.
+/// Turns a camera towards a point, which is then in the middle of the picture, and zooms by a factor.
 ///
 /// Keeps the roll. The size is that of the new picture, in pixels.
 pub fn facing(camera: &Camera, target: [f64; 3], zoom: f64, (width, height): (u32, u32)) -> Camera {

@@ -48,7 +48,7 @@ pub fn settings() -> Settings {
     SETTINGS.read().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
-/// Builds plans, and caches compiled shaders.
+/// Builder of plans, with a cache of compiled shaders.
 pub struct Planner {
     /// True to let resources with disjoint lifetimes share memory; see [`Request::share_memory`].
     pub share_memory: bool,
@@ -144,7 +144,7 @@ impl Planner {
         error.map_or(Ok(plan), |error| Err(GraphErrors::new(&self.files, &[error])))
     }
 
-    /// Calls `build` with every output requested that the graph of `plan` offers. `None` if `plan` has them all.
+    /// Requests every output that the graph of `plan` offers, while `build` runs. `None` if `plan` has them all.
     ///
     /// # Errors
     /// See `build`. A note says that every output is requested.
@@ -228,8 +228,9 @@ impl Planner {
         self.forget_files();
     }
 
-    /// Asks about a graph with the parameters in `set`, without building it: `ask` is a function of [`lower`], such as
-    /// [`lower::standing`].
+    /// Calls `ask` for a graph with the parameters in `set`, without building the graph.
+    ///
+    /// `ask` is a function of [`lower`], such as [`lower::standing`].
     ///
     /// # Errors
     /// See `ask`.

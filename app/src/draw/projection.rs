@@ -55,8 +55,8 @@ fn advice(camera: Projection) -> String {
     if camera.is_pinhole() { String::new() } else { format!(": use --pipeline {camera}") }
 }
 
-/// Returns the projection among a graph's parameters; pinhole if there is no such parameter, or if its value is not the
-/// name of a projection.
+/// Returns the projection among a graph's parameters. It is pinhole without such a parameter, or if the value is not
+/// the name of a projection.
 pub fn of_params<'a>(params: impl IntoIterator<Item = &'a Param>) -> Projection {
     let value = params.into_iter().find(|param| param.name == PARAMETER).map(|param| &param.value);
     match value {
@@ -87,7 +87,9 @@ pub fn of_graph_for(pipeline: &str, set: &[(String, String)], cameras: &[Camera]
     of_graph(pipeline, set).unwrap_or_else(|| of_cameras(cameras))
 }
 
-/// Returns the projection of a graph that suits cameras: that of the first one that is not a pinhole, or else pinhole.
+/// Returns the projection of a graph that suits cameras.
+///
+/// It is that of the first camera that is not a pinhole, or else pinhole.
 pub fn of_cameras(cameras: &[Camera]) -> Projection {
     cameras.iter().map(|camera| camera.projection).find(|own| !own.is_pinhole()).unwrap_or_default()
 }

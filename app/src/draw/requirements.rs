@@ -128,8 +128,8 @@ impl Build {
         })
     }
 
-    /// Builds a graph with every output that `plan`, the result of [`Build::plan`], offers. `None` if `plan` has them all,
-    /// or if they do not fit a limit that was changed, such as one workgroup, which no device has.
+    /// Builds a graph with every output that `plan`, the result of [`Build::plan`], offers. `None` if `plan` has them
+    /// all, or if they do not fit a limit that was changed, such as one workgroup, which no device has.
     ///
     /// # Errors
     /// See [`Build::plan`].
@@ -174,7 +174,7 @@ pub fn with_drawn_graph(
     }
 }
 
-/// Collects the unmet requirements of the graphs for which no case was found.
+/// Unmet requirements of the graphs for which no case was found.
 #[derive(Debug, Default)]
 pub struct Unchecked(Vec<GraphErrors>);
 

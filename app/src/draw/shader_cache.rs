@@ -123,8 +123,8 @@ fn build(program: &Path) -> io::Result<Vec<u8>> {
     Ok(format!("{} {:?}", data.len(), data.modified()?).into_bytes())
 }
 
-/// Finds the GNU build id in the first bytes of an ELF file: a note with the name `GNU` and the type 3. `None` if there
-/// is none, or if it ends beyond these bytes.
+/// Finds the GNU build id in the first bytes of an ELF file. It is a note with the name `GNU` and the type 3. `None` if
+/// there is none, or if it ends beyond these bytes.
 fn build_id(head: &[u8]) -> Option<&[u8]> {
     const NOTE: &[u8] = b"\x03\0\0\0GNU\0";
     let at = head.windows(NOTE.len()).position(|window| window == NOTE)?;

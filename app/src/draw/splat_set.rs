@@ -62,8 +62,8 @@ impl SplatSet {
         self.words.is_empty()
     }
 
-    /// Returns the number of splats that a scene must have to contain the set: the largest index plus 1, or 0 for an
-    /// empty set.
+    /// Returns the number of splats that a scene needs to contain the set: the largest index plus 1. 0 for an empty
+    /// set.
     pub fn end(&self) -> u32 {
         let last = self.words.last().map_or(0, |word| 64 - word.leading_zeros());
         self.words.len().saturating_sub(1) as u32 * 64 + last

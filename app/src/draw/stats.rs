@@ -227,8 +227,8 @@ pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     }
 }
 
-/// Computes a quantile of ascending values: the smallest value that is at least as large as a fraction `q` of them.
-/// `None` without values.
+/// Computes a quantile of ascending values. It is the smallest value that is at least as large as a fraction `q` of
+/// them. `None` without values.
 #[cfg(feature = "window")]
 pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
     let rank = (q * values.len() as f64).ceil() as usize;

@@ -71,7 +71,7 @@ pub enum StorageError {
 }
 
 impl StorageError {
-    /// Adds how many splats of the scene at `path` would fit, with the smallest storage, to an error about memory.
+    /// Adds to an error about memory how many splats of the scene at `path` would fit with the smallest storage.
     /// `device` and `wanted` are those of the choice, and the scene was loaded with `load`.
     pub fn with_fit(
         self,

@@ -1,5 +1,7 @@
-//! Reads whole files of limited size: files that the program wrote, such as ledgers, results of views, device facts and
-//! the viewer's state, and photographs to hash.
+//! Reads whole files of limited size.
+//!
+//! Most are files that the program wrote: ledgers, results of views, device facts and the viewer's state. Photographs
+//! are read to hash them.
 
 use splatgraph_assets::file;
 use std::io;

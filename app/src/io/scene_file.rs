@@ -113,9 +113,9 @@ pub struct Original {
     dropped: Dropped,
     notes: FileNotes,
     norms: QuaternionNorms,
-    /// Names the properties and elements that are not read; `None` if there are none.
+    /// Names of the properties and elements that are not read; `None` if there are none.
     unread: Option<String>,
-    /// Describes the data after the last row; `None` if there is none.
+    /// Description of the data after the last row; `None` if there is none.
     after_rows: Option<String>,
     /// Comments and copyright of the file, which no format keeps.
     comments: Vec<String>,
@@ -126,7 +126,7 @@ pub struct Original {
 pub struct Losses {
     /// Losses due to the contents of the scenes, such as dropped splats, or tags that the format cannot store.
     pub losses: Vec<String>,
-    /// Losses due to the choice of the format and of the degree: cut harmonics, and values that are rounded or clipped.
+    /// Losses due to the chosen format and degree: cut harmonics, and values that are rounded or clipped.
     pub chosen_losses: Vec<String>,
     /// Losses that no picture shows, but training that continues from the file may.
     pub invisible_losses: Vec<String>,
@@ -192,8 +192,9 @@ pub fn after_rows(scene: &Scene) -> Option<String> {
         .then(|| format!("{} bytes after the last row that the header declares", grouped(*trailing_bytes)))
 }
 
-/// Describes what is unusual about a loaded scene, one text for each property: dropped splats, a mesh that is left out,
-/// coarse positions, and properties and tags that are not used.
+/// Describes what is unusual about a loaded scene, one text for each peculiarity.
+///
+/// These are dropped splats, a mesh that is left out, coarse positions, and properties and tags that are not used.
 pub fn notes(scene: &Scene) -> Vec<String> {
     let dropped = scene.dropped();
     let texts = [
@@ -342,7 +343,7 @@ pub fn upright(up: [f64; 3]) -> Option<(String, f64)> {
     (degrees > 1.0).then(|| (format!("`convert --transform rotate:{x},{y},{z},{degrees}`"), degrees))
 }
 
-/// Describes how many values a format clips, one phrase for each kind of value; empty for a format that clips none.
+/// Counts the values that a format clips, one phrase for each kind of value; empty if it clips none.
 fn clipped(scene: &Scene, format: SceneFormat) -> Vec<String> {
     // Limits of the scales' logarithms, of band 0, and of the higher bands. Values within half a step of a limit are
     // rounded to it, not clipped.
@@ -377,8 +378,8 @@ pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
     [not_stored(scene, format), clipped(scene, format)].concat()
 }
 
-/// Lists the losses that a scene's contents cause in a file of a format, one phrase each: tags, the order by depth,
-/// precision of positions, and the mesh.
+/// Lists the losses that a scene's contents cause in a file of a format, one phrase each. These are tags, the order by
+/// depth, precision of positions, and the mesh.
 fn not_stored(scene: &Scene, format: SceneFormat) -> Vec<String> {
     let mut losses = Vec::new();
     let kept = format.kept_tags(scene.notes()).tags();

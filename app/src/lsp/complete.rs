@@ -22,8 +22,9 @@ use std::ops;
 use std::path::Path;
 
 impl Workspace {
-    /// Lists the parameters of `included`, a graph that an include or a preset in the graph at `path` names; empty if
-    /// `included` has errors.
+    /// Lists the parameters of `included`; empty if it has errors.
+    ///
+    /// An include or a preset in the graph at `path` names the graph `included`.
     fn parameters(&mut self, path: &Path, included: &str) -> Vec<Control> {
         let from = self.planner.file(None, &path.display().to_string(), Kind::Graph);
         let Some(file) = self.planner.file(from, included, Kind::Graph) else { return Vec::new() };
@@ -34,8 +35,9 @@ impl Workspace {
         of(&path).or_else(|_| of(included)).unwrap_or_default()
     }
 
-    /// Lists the ports of `included`, a graph that the graph at `path` includes, each with a description; empty if
-    /// `included` is no valid `Graph`.
+    /// Lists the ports of `included`, each with a description; empty if it is no valid `Graph`.
+    ///
+    /// The graph at `path` includes `included`.
     fn ports(&mut self, path: &Path, included: &str) -> Vec<(String, String)> {
         let from = self.planner.file(None, &path.display().to_string(), Kind::Graph);
         let Some(file) = self.planner.file(from, included, Kind::Graph) else { return Vec::new() };
@@ -244,8 +246,8 @@ fn is_in_name(c: char) -> bool {
     c.is_ascii_alphanumeric() || matches!(c, '_' | '.')
 }
 
-/// Extends a byte offset to the range of adjacent characters for which `is_part` is true, within the bytes `inside` of
-/// a string.
+/// Extends a byte offset to the range of adjacent characters for which `is_part` is true. The range stays within the
+/// bytes `inside` of a string.
 fn around(
     text: &str,
     inside: &ops::Range<usize>,

@@ -171,9 +171,10 @@ fn scan(text: &str, stop: Option<usize>) -> Scan {
     scan
 }
 
-/// Returns the byte offset of the quote that ends a string, or of the string's end if the quote is missing. A string
-/// may span several lines. But if it begins in the line of byte `offset`, it may be unfinished, and ends with that line
-/// at the latest, so that it does not swallow the rest of the file.
+/// Returns the byte offset of the quote that ends a string; if the quote is missing, that of the string's end.
+///
+/// A string may span several lines. But if it begins in the line of byte `offset`, it may be unfinished, and ends with
+/// that line at the latest, so that it does not swallow the rest of the file.
 fn end_of_text(text: &str, start: usize, offset: Option<usize>) -> usize {
     let last = match offset {
         Some(offset) if !text[start..offset].contains('\n') => {

@@ -22,8 +22,8 @@ pub fn nominal_case(lanes: u32) -> Case {
     Case { device, scene: SceneFacts::NOMINAL, size: facts::DEFAULT_SIZE }
 }
 
-/// Lists the imports that graphs may use: those of a nominal scene and, with the feature `window`, of the viewer's
-/// window.
+/// Lists the imports that graphs may use. They come from a nominal scene and, with the feature `window`, from the
+/// viewer's window.
 pub fn nominal_catalog() -> Catalog {
     #[cfg_attr(not(feature = "window"), expect(unused_mut))]
     let mut catalog = facts::nominal_catalog();

@@ -139,9 +139,8 @@ impl Workspace {
         self.built.values().any(covers)
     }
 
-    /// Lists at most [`MAX_TRIES`] closed graphs to try for a file: those that use it, are no parts and were not built.
-    /// The best is last: graphs of the file's folder are better than others, and a `Graph` is better than a preset or a
-    /// choice.
+    /// Lists at most [`MAX_TRIES`] closed graphs that use a file, are no parts and were not built. The best is last:
+    /// graphs of the file's folder are better than others, and a `Graph` is better than a preset or a choice.
     fn users_of(&mut self, path: &Path) -> Vec<PathBuf> {
         let name = in_index(path);
         let index = self.index(path);
@@ -268,8 +267,10 @@ impl Workspace {
         self.planner.plain_warnings(plan)
     }
 
-    /// Describes the names that the includes of a graph provide besides their resources: the output,
-    /// `include.picture`, and the `let`s that choose one of `resources`, the plan's resources with descriptions.
+    /// Lists the names that the includes of a graph provide besides their resources, each with a description.
+    ///
+    /// These are the output, `include.picture`, and the `let`s that choose one of `resources`, the plan's resources
+    /// with descriptions.
     pub(super) fn names_of_includes(
         &mut self,
         graph: &str,

@@ -8,9 +8,9 @@ use splatgraph_framework::plan::Since;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Lists a hint for each declared pass that waits for other passes or a layout transition, at the end of its first
-/// line. `dumps` are the plans that may contain passes of the file, and `path` is canonical. The first plan that
-/// contains a pass determines its hint.
+/// Lists a hint for each declared pass that waits for other passes or a layout transition. The hint is at the end of
+/// the first line of the declaration. `dumps` are the plans that may contain passes of the file, and `path` is
+/// canonical. The first plan that contains a pass determines its hint.
 pub fn waits(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
     // Passes that the framework adds, such as the export, have no line of their own in the file.
     let is_written = |pass: &DumpPass| !["start", "export", "host"].contains(&pass.kind.as_str());

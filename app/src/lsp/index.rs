@@ -512,8 +512,11 @@ impl Index {
         self.declarations.iter().any(|declared| self.place_of(declared) == *place)
     }
 
-    /// Describes what `new` already means in one of these files, if the name at a byte offset shares expressions with
-    /// it: a value, a resource, or the text of a choice or in an expression. `None` if it has no such meaning.
+    /// Describes what `new` already means in one of these files, if this could be mistaken for the name at a byte
+    /// offset.
+    ///
+    /// Both then occur in expressions: `new` is a value, a resource, or the text of a choice or in an expression.
+    /// `None` if it is none of these.
     pub fn other_meaning(
         &self,
         path: &str,

@@ -30,7 +30,8 @@ pub enum Role {
     Resource(Vec<String>),
     /// The use of an include, in the graph to which these includes lead.
     Include(Vec<String>),
-    /// The use of a parameter of the graph with this name, in `set` or `Only` of an include, or in `set` of a preset.
+    /// The use of another graph's parameter, in `set` or `Only` of an include, or in `set` of a preset. The text is the
+    /// graph's name.
     ParameterOf(String),
     /// The use of a port of the graph with this name, in `with` of an include.
     PortOf(String),

@@ -31,9 +31,9 @@ pub struct Mean {
     /// Mean of the views' decibels (as in papers), not PSNR of the mean error. Infinite if a view's pictures are equal.
     #[serde(serialize_with = "decibels::serialize_measured")]
     pub psnr_db: Option<f64>,
-    /// See [`Score::ssim`].
+    /// Mean of [`Score::ssim`].
     pub ssim: Option<f64>,
-    /// See [`Score::flip`].
+    /// Mean of [`Score::flip`].
     pub flip: Option<f64>,
 }
 
@@ -79,8 +79,8 @@ impl Score {
 }
 
 impl Evaluation {
-    /// Computes the means of the scores: `None` without views, or if a view or its score is missing, because a partial
-    /// mean could mislead.
+    /// Computes the means of the scores. A mean is `None` without views, or if a view or its score is missing, because
+    /// a partial mean could mislead.
     pub fn new(views: Vec<Score>, missing: Vec<String>) -> Evaluation {
         let mean =
             |of: &dyn Fn(&Score) -> Option<f64>| mean(views.iter().map(of)).filter(|_| missing.is_empty());

@@ -29,7 +29,7 @@ pub struct Provenance {
 const MAX_NAMED: usize = 10;
 
 impl Provenance {
-    /// Describes a subject.
+    /// Collects the program, the device, the scene and the views of a subject.
     pub fn of(subject: &Subject) -> Provenance {
         Provenance {
             version: program::VERSION.into(),

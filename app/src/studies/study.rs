@@ -52,7 +52,7 @@ impl Listener for () {
     fn say(&mut self, _: &str) {}
 }
 
-/// Reports the steps of a task to a listener.
+/// The steps of a task, whose progress a listener receives.
 pub struct Steps<'a> {
     listener: &'a mut dyn Listener,
     task: String,
@@ -246,7 +246,7 @@ impl From<BackendError> for StudyError {
 mod tests {
     use super::*;
 
-    /// Keeps its progress reports. Cancels at the report with the given number, counted from 1.
+    /// A listener that keeps its progress reports, and cancels at the report with the given number, counted from 1.
     struct Kept(Vec<String>, usize);
 
     impl Listener for Kept {

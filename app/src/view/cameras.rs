@@ -11,7 +11,7 @@ use std::sync::Arc;
 /// The user's saved views. A view's name is its camera's `img_name`, and is unique.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Views {
-    /// Shared with the undo history.
+    /// Saved views, shared with the undo history.
     list: Arc<Vec<Camera>>,
 }
 

@@ -161,8 +161,8 @@ pub struct Swap {
     /// as many passes as before.
     #[serde(skip)]
     pub effect: Option<String>,
-    /// True if the files or parameters changed, but not the commands. The device keeps its buffers and images, so that a
-    /// simulation continues.
+    /// True if the files or parameters changed, but not the commands. The device keeps its buffers and images, so that
+    /// a simulation continues.
     pub same_plan: bool,
     /// Milliseconds to read the graph, compile its shaders, and solve the plan.
     pub plan_ms: f64,

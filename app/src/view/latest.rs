@@ -26,7 +26,7 @@ impl<T> Drop for Request<T> {
 pub struct Latest<T> {
     name: &'static str,
     request: Option<Request<T>>,
-    /// Held while work runs, so that requests run one at a time.
+    /// Lock that is held while work runs, so that requests run one at a time.
     turn: Arc<Mutex<()>>,
     wake: Wake,
 }

@@ -1,5 +1,7 @@
-//! Undoes and redoes the user's changes: scene, selectable cameras, selected and hidden splats, graphs, parameters,
-//! comparison, background, resolution, saved views, camera path.
+//! Undoes and redoes the user's changes.
+//!
+//! These are changes of scene, selectable cameras, selected and hidden splats, graphs, parameters, comparison,
+//! background, resolution, saved views and camera path.
 //!
 //! After each frame, the viewer's [`Settings`] are compared with the previous frame's. A change becomes a step once no
 //! mouse button is held. Changes by the program itself, such as dropping a parameter that a new graph lacks, become

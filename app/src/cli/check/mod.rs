@@ -332,7 +332,7 @@ impl Lines {
     }
 }
 
-/// Collects the results for the plans of a graph.
+/// The results for the plans of a graph.
 #[derive(Default)]
 struct Checked<'a> {
     set: &'a [(String, String)],
@@ -429,8 +429,10 @@ fn too_large(
     (!fit.fits).then_some(fit)
 }
 
-/// Verifies a plan, and returns a summary: checks its dependencies, replays it with its barriers and, if neither finds
-/// a problem, tries every mutation of the barriers.
+/// Verifies a plan, and returns a summary.
+///
+/// Checks its dependencies, replays it with its barriers and, if neither finds a problem, tries every mutation of the
+/// barriers.
 ///
 /// # Errors
 /// The text lists wrong dependencies and hazards or, if there are none, needless barriers.

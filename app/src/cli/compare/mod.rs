@@ -88,7 +88,7 @@ fn range(text: &str) -> Result<(f64, f64), String> {
 
 struct Found {
     all: Comparison,
-    /// Length of the value range that becomes 0..1 for all measures but the worst pixel; 1 if values are not scaled.
+    /// Length of the value range that becomes 0..1; 1 if values are not scaled. The worst pixel is not scaled.
     peak: f64,
     flip: f64,
     flip_8_bits: f64,

@@ -136,7 +136,7 @@ impl Crop {
 struct Names<'a> {
     scene: &'a Scene,
     index: usize,
-    /// Index before the splats of other options were left out.
+    /// Index in the merged scene, before other options left out splats.
     first_index: u32,
 }
 
@@ -203,8 +203,8 @@ impl EditArgs {
         self.lists().next().is_some() || self.crop.is_some() || self.condition.is_some()
     }
 
-    /// Appends the scenes of `--merge`, and sets the tags of `--tag`. Also returns the properties of `scene` and of each
-    /// appended scene, in order.
+    /// Appends the scenes of `--merge`, and sets the tags of `--tag`. Also returns the properties of `scene` and of
+    /// each appended scene, in order.
     ///
     /// # Errors
     /// A scene cannot be loaded, or does not fit in memory.
@@ -279,7 +279,7 @@ impl EditArgs {
     /// is left.
     pub fn changed(&self, mut scene: Scene) -> Result<(Scene, Option<String>)> {
         let mut loss = None;
-        // The indices before the splats of --keep, --remove and --transform were left out.
+        // Indices in the merged scene, before --keep, --remove and --transform left out splats.
         let mut first_indices: Vec<u32> = (0..scene.count()).collect();
         if self.lists().next().is_some() {
             let count = scene.count();

@@ -364,7 +364,7 @@ impl Args {
         in_folders.try_for_each(|(name, _)| check_format(name, format)).map_err(Usage)
     }
 
-    /// Replaces the error that a graph lacks an output, if the name may be part of a picture's path, such as
+    /// Replaces the error that a graph lacks an output, if the name may be part of a picture's path. An example is
     /// `take=2/out.png`.
     pub(super) fn or_picture(&self, error: anyhow::Error) -> anyhow::Error {
         let text = error.to_string();

@@ -33,7 +33,8 @@ pub struct Batch {
     stdout: Stdout,
     flying: VecDeque<Flying>,
     pictures: Pictures<Told>,
-    /// Each picture whose pixels are in the device's memory has a clone of the sender.
+    /// Channel that ends once no picture has its pixels in the device's memory: each of these holds a clone of the
+    /// sender.
     pixels: (Sender<Infallible>, Receiver<Infallible>),
     /// Statistics of the finished cameras. `None` if they are not written, because thousands take hundreds of
     /// megabytes.
@@ -179,7 +180,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Waits for the oldest frame in flight, and starts to write its picture, or skips its camera if the frame failed.
+    /// Waits for the oldest frame in flight. Starts to write its picture, or skips its camera if the frame failed.
     fn land(&mut self, session: &mut Session, progress: &Progress) -> Result<()> {
         let Some(Flying { frame, name, stem, size }) = self.flying.pop_front() else { return Ok(()) };
         let result = match session.wait(frame) {

@@ -126,8 +126,8 @@ pub fn stem(file: &Path) -> std::borrow::Cow<'_, str> {
     file.file_stem().unwrap_or_default().to_string_lossy()
 }
 
-/// Returns the format of an output's files in a folder: that of `--format` if the output can have it, otherwise .npy,
-/// which every output can have.
+/// Returns the format of an output's files in a folder. It is that of `--format` if the output can have it, otherwise
+/// .npy, which every output can have.
 pub fn in_folder(name: &str, asked: Option<Format>) -> Format {
     asked.filter(|format| check_format(name, *format).is_ok()).unwrap_or(Format::Npy)
 }

@@ -43,7 +43,7 @@ pub enum KeyError {
 /// The choices of a user that define a path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathSettings {
-    /// Shared with the viewer's undo history.
+    /// Keys of the path, shared with the viewer's undo history.
     keys: Arc<Vec<Camera>>,
     closed: bool,
     seconds: f64,

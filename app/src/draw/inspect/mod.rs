@@ -54,7 +54,7 @@ pub fn resolve(plan: &Plan, resource: &str, pass: &str) -> Result<Inspect, Inspe
     used.map_or_else(|| target(&passes[0]), Ok)
 }
 
-/// Lists the passes that are left out because nothing reads what they write: the first five, and the number of others.
+/// Names the first five passes that are left out because nothing reads what they write, and counts the others.
 pub fn unread(culled: &[Culled]) -> String {
     let mut names: Vec<String> = culled
         .iter()
@@ -75,8 +75,9 @@ pub fn in_prologue(plan: &Plan, target: &Inspect) -> bool {
     plan.pass(target.after).run == Run::Once
 }
 
-/// Returns true if `name` is the end of a pass's name, with or without the indices of repeats: `scatter`,
-/// `sort.scatter` and `scatter[2]` are ends of `order[0].sort.scatter[2]`.
+/// Returns true if `name` is the end of a pass's name, with or without the indices of repeats.
+///
+/// For instance, `scatter`, `sort.scatter` and `scatter[2]` are ends of `order[0].sort.scatter[2]`.
 fn is_end(name: &str, full: &str) -> bool {
     let mut parts = full.rsplit('.');
     name.rsplit('.').all(|part| parts.next().is_some_and(|full| full == part || without_index(full) == part))
@@ -237,8 +238,9 @@ impl Finding {
         }
     }
 
-    /// Saves the words as a NumPy array: float32 for images of floats and for buffers that a shader declares as floats,
-    /// otherwise uint32.
+    /// Saves the words as a NumPy array.
+    ///
+    /// The type is float32 for images of floats and for buffers that a shader declares as floats, otherwise uint32.
     ///
     /// # Errors
     /// The extension is not `.npy`, or the file cannot be written.

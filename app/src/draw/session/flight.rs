@@ -18,8 +18,9 @@ use tracing::info_span;
 const MAX_FLYING: usize = 64;
 
 impl SessionError {
-    /// Returns true for an error of the graph, of the device's limits or of its memory: other plans and frames can
-    /// still be drawn. False for a failed device, and for unsuitable inputs, such as a camera of another size.
+    /// Returns true for an error of the graph, of the device's limits or of its memory. After such an error, other
+    /// plans and frames can still be drawn. False for a failed device, and for unsuitable inputs, such as a camera of
+    /// another size.
     pub fn spares_device(&self) -> bool {
         match self {
             SessionError::Graph(_) | SessionError::NoSplats { .. } | SessionError::Full { .. } => true,
@@ -86,8 +87,10 @@ impl Session {
         Ok(Flight { id, camera, request, number, plan: plan.clone(), growths: self.growths })
     }
 
-    /// Waits for a frame and returns its results, drawn with the current plan if at most
-    /// [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames are in flight.
+    /// Waits for a frame and returns its results.
+    ///
+    /// They are drawn with the current plan if at most [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames
+    /// are in flight.
     ///
     /// Repeats an incomplete frame with more capacity; see the [module documentation](self). Wait for all frames before
     /// you prepare another size.
@@ -184,7 +187,7 @@ impl Session {
     }
 
     /// Restores the histories to their contents before an incomplete frame that cannot be repeated, so that later
-    /// frames do not read a part of it. Without memory for this, the part stays.
+    /// frames do not read its partial results. Without memory for this, these stay.
     fn undo(&mut self, plan: &Plan, share: bool) {
         if let (true, Some((_, size))) = (saves_histories(plan), &self.loaded) {
             _ = self.load(*size, Former::Frame { shares_results: share }, &mut |_| {});
@@ -207,7 +210,7 @@ fn can_grow(plan: &Plan) -> bool {
     plan.params.iter().any(|param| param.grows.is_some())
 }
 
-/// Returns true if the histories are copied before each frame of the plan, so that a repeated frame starts with them.
+/// Returns true if the histories are copied before each frame of the plan. A repeated frame then starts with the copy.
 fn saves_histories(plan: &Plan) -> bool {
     can_grow(plan) && plan.resources.iter().any(|resource| resource.history.is_some())
 }

@@ -111,7 +111,7 @@ pub enum SessionError {
 /// Plans of a graph for picture sizes, with the default capacities; see [`Session::plan_of`].
 pub type Built = Arc<Vec<((u32, u32), Plan)>>;
 
-/// Draws a scene on a device with a plan; see the [module documentation](self).
+/// A device, a scene and a plan, which draw frames; see the [module documentation](self).
 ///
 /// Shaders are compiled in this process, which an invalid shader can crash. For graphs of others, a program first calls
 /// [`planner::configure`] with a [`worker`](planner::Settings::worker).
@@ -247,9 +247,11 @@ impl Session {
         self.planner.capacities = Capacities::default();
     }
 
-    /// Changes the graph like [`Session::set_graph`], and gives its plans, so that [`Session::prepare`] does not build
-    /// them again, unless outputs are requested, contents are kept or a list grew. They must come from
-    /// [`Session::plan_of`] with the same graph and parameters, of a session with the same device and scene.
+    /// Changes the graph like [`Session::set_graph`], to one whose plans are already built.
+    ///
+    /// [`Session::prepare`] uses a plan of `built`, unless outputs are requested, contents are kept or a list grew. The
+    /// plans must come from [`Session::plan_of`] with the same graph and parameters, of a session with the same device
+    /// and scene.
     pub fn set_planned(&mut self, pipeline: &str, set: &[(String, String)], built: &Built) {
         self.set_graph(pipeline, set);
         self.built = built.clone();
@@ -428,7 +430,7 @@ impl Session {
         Ok(true)
     }
 
-    /// Starts the frames anew at number 0, so that a measurement does not depend on the frames before it.
+    /// Restarts the frames at number 0, so that a measurement does not depend on the frames before it.
     ///
     /// A plan with histories is built and loaded again: histories are zero, and the next frame runs the prologue.
     ///
@@ -525,7 +527,7 @@ impl Session {
     }
 }
 
-/// Names the state that a plan takes over from the current one.
+/// State that a plan takes over from the current one.
 #[derive(Clone, Copy)]
 enum Former {
     Nothing,
@@ -543,7 +545,7 @@ pub fn draws_mesh(plan: &Plan) -> bool {
     plan.resources.iter().any(|resource| is_mesh(&resource.source))
 }
 
-/// Supplies a scene's attributes to a [`Device`] for upload. `None` is for a graph that draws without a scene.
+/// A scene, whose attributes a [`Device`] uploads; `None` for a graph that draws without a scene.
 pub struct Upload<'a>(pub Option<&'a Scene>);
 
 impl SceneData for Upload<'_> {

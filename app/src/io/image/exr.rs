@@ -25,8 +25,8 @@ const INTEROP: &str = "colorInteropID";
 pub const ENCODING: &str = "srgb_rec709_display";
 const COMMENT: &str = "Display-encoded (sRGB) values, not linear light; not clamped to 0..1.";
 
-/// Compression and order of the blocks. Threads finish blocks in any order; written in the order of the rows, equal
-/// pictures are equal files.
+/// Compression and order of the blocks. Threads finish blocks in any order, but blocks are written in the order of the
+/// rows, so that equal pictures are equal files.
 const BLOCKS: x::Encoding =
     x::Encoding { line_order: x::LineOrder::Increasing, ..x::Encoding::SMALL_FAST_LOSSLESS };
 
@@ -99,8 +99,10 @@ pub fn save_values(
     })?)
 }
 
-/// The layer that is read as the picture: the first one with R, G and B, else the first one with a normal. If there is
-/// none, the first single-channel layer decides: the first layer with a channel of that name is read.
+/// The layer that is read as the picture, and its channels.
+///
+/// It is the first layer with R, G and B, else the first one with a normal. If there is none, the first layer with a
+/// single channel decides: the first layer that has a channel of that name is read.
 struct Found {
     header: Header,
     /// Names of the channels that become R, G and B; a single name for grey.

@@ -32,7 +32,7 @@ const NUMBERS: [u64; 12] = [
 
 fn damage(bytes: &mut Vec<u8>, words: &[&str], random: &mut Random) {
     for _ in 0..=random.below(3) {
-        // Headers matter most.
+        // In half of the cases, only the first bytes are damaged, because headers matter most.
         let reach = if random.below(2) == 0 { bytes.len().min(160) } else { bytes.len() };
         let at = random.below(reach);
         let left = bytes.len() - at;

@@ -162,7 +162,7 @@ pub(super) fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
-/// Maximum memory per pixel while a picture is read, in bytes: three channels as f64, and the same channels as f32.
+/// Maximum memory per pixel while a picture is read, in bytes. The three channels are held as f64, and as f32.
 const BYTES_PER_PIXEL: u64 = 24 + 12;
 
 /// Allocates memory for the pixels of a picture, or returns an error.

@@ -31,7 +31,7 @@ pub type Cause = Box<dyn std::error::Error + Send + Sync>;
 pub struct OutputError {
     /// Path of the file, as given.
     pub path: PathBuf,
-    /// Why the file could not be written.
+    /// Reason why the file could not be written.
     pub cause: Cause,
 }
 
@@ -266,7 +266,7 @@ pub(super) fn abandon() -> Option<MutexGuard<'static, BTreeSet<PathBuf>>> {
     None
 }
 
-/// Creates something under a hidden name in `folder` that no other running process uses, and adds it to `names`.
+/// Calls `create` with a hidden name in `folder` that no other running process uses, and adds it to `names`.
 fn hide<T>(
     folder: &Path,
     names: &mut BTreeSet<PathBuf>,

@@ -54,8 +54,10 @@ pub fn write_first_free(path: impl Fn(u32) -> PathBuf, bytes: &[u8]) -> Result<P
     }
 }
 
-/// Describes the files in a folder with the extension `extension` that are not among `own`, the files that a command
-/// writes there: pictures of an earlier run, which an encoder would take for its own. `None` without such files.
+/// Describes the files in a folder that have this extension and are not in `own`; `None` if there are none.
+///
+/// `own` are the files that a command writes there. The others are pictures of an earlier run, and an encoder would
+/// take them for pictures of this one.
 pub fn others(folder: &Path, extension: &str, own: &HashSet<PathBuf>) -> Option<String> {
     let is_picture =
         |path: &PathBuf| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension));
@@ -125,8 +127,10 @@ fn key(name: &str) -> String {
     name.to_uppercase().to_lowercase()
 }
 
-/// Makes a name valid on all systems: replaces characters that a system refuses, and a leading dot; puts `_` before a
-/// name that Windows reserves for a device; and names an empty one after its index.
+/// Makes a name valid on all systems.
+///
+/// Replaces characters that a system refuses, and a leading dot. Puts `_` before a name that Windows reserves for a
+/// device. An empty name becomes `camera` and its index.
 fn sanitized(name: &str, index: usize) -> String {
     let is_refused = |c: char| {
         matches!(c, '/' | '\\' | '<' | '>' | ':' | '"' | '|' | '?' | '*' | '\n' | '\t') || is_harmful(c)
@@ -147,7 +151,7 @@ fn sanitized(name: &str, index: usize) -> String {
     name
 }
 
-/// Cuts a name to at most `room` bytes, at least 9; a name that was cut ends in a hash of the whole name.
+/// Cuts a name to at most `room` bytes; then it ends in a hash of the whole name. `room` is at least 9.
 fn shortened(name: &str, room: usize) -> String {
     if name.len() <= room {
         return name.to_owned();

@@ -366,7 +366,7 @@ impl ValueFormatter<f64> for Ticks {
     }
 }
 
-/// Chooses a round step that divides a span into about 5 parts: 1, 2 or 5 times a power of ten.
+/// Chooses a step that divides a span into about 5 parts: 1, 2 or 5 times a power of ten.
 fn step_for(span: f64) -> f64 {
     let power = 10f64.powf((span / 5.0).log10().floor());
     let ratio = span / 5.0 / power;

@@ -231,7 +231,7 @@ mod tests {
         let count = |_| counted.fetch_add(1, Ordering::Relaxed);
         let all: Vec<usize> = thread::scope(|scope| ahead(scope, (0..3).map(count)).into_iter().collect());
         assert_eq!(all, [0, 1, 2]);
-        // The endless thread would keep the scope from ending.
+        // A thread that did not end would keep the scope from ending.
         let first = thread::scope(|scope| ahead(scope, (0..).map(count)).recv());
         assert_eq!(first, Ok(3));
     }

@@ -111,8 +111,10 @@ pub struct Found {
 /// Measurements of a candidate, or the reason that it cannot be drawn.
 pub type Outcome = Result<Found, String>;
 
-/// Returns why a candidate cannot be drawn: its graph has errors, the device rejects its plan, or a frame needs more
-/// capacity than the graph or the device allows.
+/// Returns the reason why a candidate cannot be drawn.
+///
+/// Its graph has errors, the device rejects its plan, or a frame needs more capacity than the graph or the device
+/// allows.
 ///
 /// # Errors
 /// Any other error, such as one of the device: no candidate is then measured further.

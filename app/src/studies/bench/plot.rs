@@ -57,7 +57,8 @@ pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<
     plots
 }
 
-/// Plots one line per graph: the frame time on the GPU, or on the host if a candidate has no GPU times.
+/// Plots the frame time, with one line per graph. It is that on the GPU, or on the host if a candidate has no GPU
+/// times.
 fn plot(
     report: &Report,
     title: String,

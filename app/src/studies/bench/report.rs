@@ -129,7 +129,7 @@ pub fn scene_names(scenes: impl IntoIterator<Item = String>) -> Vec<String> {
 }
 
 impl Report {
-    /// Formats every figure, memory size and failure as CSV (RFC 4180), one per line, with all digits; missing values
+    /// Formats every figure, memory size and failure as CSV (RFC 4180), one per line, with all digits. Missing values
     /// are empty.
     ///
     /// Times without a camera are means of the cameras' medians; those of kind `once` are single times.

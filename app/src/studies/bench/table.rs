@@ -33,8 +33,10 @@ pub fn head(origin: &Origin, timed: bool) -> String {
     text
 }
 
-/// Formats all tables of a report: for each scene, number of splats and size, the passes of each candidate, the cameras
-/// if there are several, the candidates, and notes on idle devices and failures.
+/// Formats all tables of a report.
+///
+/// For each scene, number of splats and size, these are the passes of each candidate, the cameras if there are several,
+/// and the candidates. Notes on idle devices and failures follow.
 ///
 /// If there are several of these combinations, an overview of the candidates over all of them follows.
 pub fn tables(report: &Report) -> String {

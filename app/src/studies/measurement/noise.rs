@@ -30,7 +30,7 @@ pub const MIN_SAVING: f64 = 0.02;
 /// PSNRs that differ by less than this, in decibels, count as equal: half of the last digit in tables.
 const EQUAL_DB: f64 = 0.05;
 
-/// Turns end when half of the width of the mean's range is at most `NARROW.0 + NARROW.1 * |share - 1|`.
+/// Width at which turns end: half of the width of the mean's range is at most `NARROW.0 + NARROW.1 * |share - 1|`.
 const NARROW: (f64, f64) = (0.01, 0.05);
 
 /// A frame time as a share of the baseline's, such as the exact settings' time.
@@ -98,8 +98,8 @@ impl Share {
     }
 }
 
-/// Formats a share with the distance to the farther end of its range, which may be skewed: `70.2 ± 0.4 %`. Without a
-/// range, `?` takes its place.
+/// Formats a share with the distance to the farther end of its range: `70.2 ± 0.4 %`. The range may be skewed. Without
+/// a range, `?` takes its place.
 impl fmt::Display for Share {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let farther = self.range.map(|(low, high)| (high - self.median).max(self.median - low));

@@ -103,8 +103,8 @@ pub fn with_effect(mut all: Vec<Setting>, plan: &Plan) -> (Vec<Setting>, Vec<Str
     (all, lines)
 }
 
-/// Lists values of a parameter besides its exact one: all values of a switch or a choice, or five across an integer's
-/// range.
+/// Lists values of a parameter besides its exact one. These are all values of a switch or a choice, or five across an
+/// integer's range.
 ///
 /// A float has four, without its minimum, at which most parameters draw nothing.
 fn alternatives(param: &Param) -> Vec<Value> {

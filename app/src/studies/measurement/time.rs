@@ -30,8 +30,9 @@ pub struct Time {
     pub rounds: u32,
     /// Share of the host's frame time that the device spends drawing, at most 1. It idles for the rest.
     pub busy: f64,
-    /// Milliseconds per phase, in order of execution: the median of the frames with timestamps of passes, scaled like
-    /// `gpu_ms` to the clock of `exact_ms`. These timestamps take time, so the phases may add up to more than `gpu_ms`.
+    /// Milliseconds per phase, in order of execution. They are medians of the frames with timestamps of passes, scaled
+    /// like `gpu_ms` to the clock of `exact_ms`. These timestamps take time, so the phases may add up to more than
+    /// `gpu_ms`.
     pub phases: IndexMap<String, f64>,
     /// Difference between a phase's largest and smallest time, in milliseconds; `None` with one frame.
     pub phase_spreads: IndexMap<String, Option<f64>>,
@@ -185,8 +186,8 @@ fn time(
     })
 }
 
-/// Lists the phases of several views: name, mean milliseconds over the views, and largest spread over the views, `None`
-/// with one round.
+/// Lists the phases of several views, each with the mean of its milliseconds and its largest spread. The spread is
+/// `None` with one round.
 pub fn phases(times: &[&Time]) -> Vec<(String, f64, Option<f64>)> {
     let names: IndexSet<&String> = times.iter().flat_map(|time| time.phases.keys()).collect();
     let of = |name: &String| {

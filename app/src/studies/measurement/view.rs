@@ -155,8 +155,8 @@ pub struct Drawn {
     pub counts: Vec<(String, u32)>,
 }
 
-/// Number of the frame of a still view whose picture is measured: a graph that reuses the previous frame's order needs
-/// one before it. Histories begin with the first of these frames.
+/// Number of frames of a still view, of which the last is measured. A graph that reuses the previous frame's order
+/// needs a frame before it. Histories begin with the first of these frames.
 pub const MEASURED_FRAME: u32 = 2;
 
 fn capture(session: &mut Session, view: &View) -> Result<Result<Capture, String>, SessionError> {

@@ -43,8 +43,10 @@ pub struct Fit {
 pub const STEPS: [(f64, u32); 8] =
     [(1.0, 1), (0.5, 1), (0.25, 1), (0.125, 1), (0.0625, 1), (0.125, 2), (0.125, 3), (0.125, 4)];
 
-/// Makes the cameras of [`STEPS`]: `first`, moved forward towards the median depth of the splats in its view, with the
-/// picture's width and height divided. Without splats in the view, the depth is 1.
+/// Makes the cameras of [`STEPS`].
+///
+/// Each is `first`, moved forward towards the median depth of the splats in its view, with the picture's width and
+/// height divided. Without splats in the view, the depth is 1.
 pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
     let tan = [f64::from(first.width) / first.fx, f64::from(first.height) / first.fy].map(|v| 0.5 * v);
     let [right, down] = [first.principal_offset[0] / first.fx, first.principal_offset[1] / first.fy];

@@ -67,7 +67,7 @@ struct Mean {
     count: u32,
     psnr_db: f64,
     gpu_ms: Option<f64>,
-    /// See [`phases`].
+    /// Phases, as [`phases`] lists them.
     phases: Vec<(String, f64, Option<f64>)>,
 }
 

@@ -25,8 +25,9 @@ pub struct Row {
     pub found: Result<Measured, String>,
 }
 
-/// Factor on the rounds when the exact settings are measured against themselves, until the range of each view is
-/// narrow: all rows depend on their noise.
+/// Factor on the maximum number and duration of rounds in which the exact settings are measured against themselves.
+///
+/// All rows depend on the noise of the exact settings, so the range must be narrow in each view, not only in the mean.
 const ROUNDS_OF_EXACT: u32 = 4;
 
 /// A row whose comparison may still run.

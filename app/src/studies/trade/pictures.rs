@@ -88,8 +88,8 @@ impl Album {
     }
 }
 
-/// Returns the power of two, 1 to 2^20, that amplifies a difference with this PSNR to about [`VISIBLE`]; 1 for equal
-/// pictures.
+/// Returns the power of two that amplifies a difference with this PSNR to about [`VISIBLE`]. It is 1 to 2^20, and 1 for
+/// equal pictures.
 fn gain(psnr_db: Option<f64>) -> f64 {
     let rms = squared_error(psnr_db).sqrt();
     if rms > 0.0 { (VISIBLE / rms).log2().round().clamp(0.0, 20.0).exp2() } else { 1.0 }

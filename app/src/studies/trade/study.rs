@@ -65,9 +65,9 @@ pub fn study(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) ->
 
 /// The settings to measure, and the sessions that draw them.
 pub struct Study {
-    /// Draws the graph with every parameter at its exact value.
+    /// Session that draws the graph with every parameter at its exact value.
     exact: Session,
-    /// Draws the setting that is being measured.
+    /// Session that draws the setting that is being measured.
     session: Session,
     /// The settings, each with the hash of its plans, `None` if one cannot be built. The exact settings are first.
     settings: Vec<(Setting, Option<u64>)>,
@@ -75,7 +75,7 @@ pub struct Study {
     /// The plans of each setting.
     built: Plans,
     origin: Origin,
-    /// Keeps the settings' pipelines alive, so that they are not created again.
+    /// Pipelines of the settings, kept so that they are not created again.
     _pipelines: Vec<Compiled>,
 }
 
@@ -232,7 +232,7 @@ fn keep(
 
 /// Measures every setting in the views whose rows are missing, and sends the rows to [`keep`].
 ///
-/// `ms` are the exact settings' milliseconds per view, if known. `have` has the setting and camera of existing rows.
+/// `ms` are the exact settings' milliseconds per view, if known. `have` are the settings and cameras of existing rows.
 /// Times are averaged over `all` views. With `kept`, waits after each row until it is written.
 fn measure_views<'scope>(
     scope: &'scope Scope<'scope, '_>,
@@ -364,7 +364,7 @@ mod tests {
     use std::ops::ControlFlow;
     use std::sync::Arc;
 
-    /// Cancels the study before a step.
+    /// A listener that cancels the measurements once this many steps are done.
     struct CancelBefore(u64);
 
     impl Listener for CancelBefore {

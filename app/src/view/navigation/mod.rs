@@ -145,8 +145,8 @@ impl Pose {
         self
     }
 
-    /// Multiplies the distance to the pivot by `e` to the power of `exponent`, within [`DISTANCES`] times `scale`. From
-    /// outside these limits, the distance can only return.
+    /// Multiplies the distance to the pivot by `e` to the power of `exponent`, within [`DISTANCES`] times `scale`. A
+    /// distance outside these limits can only move towards them.
     fn zoomed(mut self, exponent: f64, scale: f64) -> Pose {
         let pivot = self.pivot();
         let (nearest, farthest) = (DISTANCES.0 * scale, DISTANCES.1 * scale);
@@ -247,7 +247,8 @@ impl Navigation {
         self.up = up.try_normalize().unwrap_or(self.up);
     }
 
-    /// Continues in another scene with the same view, speed and first camera. `moved` is the motion of the scene's origin.
+    /// Continues in another scene with the same view, speed and first camera. `moved` is the motion of the scene's
+    /// origin.
     ///
     /// `bounds` is as in [`Navigation::new`]. An orthographic view keeps its height.
     pub fn change_scene(&mut self, bounds: &Bounds, moved: DVec3) {

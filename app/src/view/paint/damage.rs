@@ -29,7 +29,7 @@ pub struct Piece {
 impl Piece {
     pub fn new(mesh: Mesh, clip: Rect, texture: Texture, pixels_per_point: f32) -> Piece {
         let Rect { min, max } = mesh.calc_bounds() * pixels_per_point;
-        // Whole pixels.
+        // Rounded outwards: a pixel that is partly covered changes, too.
         let bounds = Rect::from_min_max(min.floor(), max.ceil()).intersect(clip);
         Piece { bounds, texture, mesh, pixels_per_point }
     }

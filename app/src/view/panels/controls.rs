@@ -46,7 +46,7 @@ impl Controls {
     }
 }
 
-/// Accesses the controls that were drawn so far.
+/// Calls `access` with the positions and requests that were collected so far.
 fn drawn<T>(ctx: &Context, access: impl FnOnce(&mut Controls) -> T) -> T {
     ctx.data_mut(|data| access(data.get_temp_mut_or_default(Id::NULL)))
 }

@@ -111,7 +111,7 @@ impl State {
     }
 }
 
-/// Returns the card's heading: what is still drawn.
+/// Returns the card's heading, which tells what is still drawn.
 fn heading(consequences: Vec<(RendererId, &str)>, has_b: bool) -> String {
     // The window's own graph has no viewport.
     if consequences.is_empty() { LAST_PLAN.to_owned() } else { named(consequences, has_b).join(". ") }

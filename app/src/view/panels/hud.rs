@@ -50,7 +50,7 @@ impl Toasts {
         self.add("", text, false, STAY);
     }
 
-    /// Adds a toast for the time `stay`; it replaces earlier ones with the same text or, unless empty, the same topic.
+    /// Adds a toast for the time `stay`. It replaces earlier ones with the same text or, unless empty, the same topic.
     /// Drops the oldest toast if there are more than [`MAX_TOASTS`].
     fn add(&mut self, topic: &'static str, text: String, failed: bool, stay: Duration) {
         self.count += 1;
@@ -105,8 +105,8 @@ impl Toasts {
         }
     }
 
-    /// Draws the toasts at the top right of the picture, and removes expired and dismissed ones. Toasts that would cover
-    /// the card of errors, the oldest first, are not drawn.
+    /// Draws the toasts at the top right of the picture, and removes expired and dismissed ones. Toasts that would
+    /// cover the card of errors, the oldest first, are not drawn.
     pub fn show(&mut self, ctx: &Context, view: Rect) {
         let now = Instant::now();
         self.shown.retain(|toast| toast.end > now);
@@ -154,8 +154,8 @@ pub fn space_for_cards(ctx: &Context, view: Rect) -> Rect {
     if view.is_positive() { view } else { ctx.content_rect() }
 }
 
-/// Shows an area that is placed by its middle or its end. egui places it by its size in the previous frame, so the frame
-/// is laid out again if the size changed.
+/// Shows an area that is placed by its middle or its end. egui places it by its size in the previous frame, so the
+/// frame is laid out again if the size changed.
 pub fn show_area(ctx: &Context, area: Area, contents: impl FnOnce(&mut Ui)) -> InnerResponse<()> {
     let id = area.layer().id;
     let before = ctx.memory(|memory| memory.area_rect(id));
@@ -178,9 +178,9 @@ pub fn card(ui: &Ui, edge: Color32) -> Frame {
         .shadow(ui.visuals().popup_shadow)
 }
 
-/// Draws A's frame time, rate, splat count, memory and a sparkline in the top left corner of the picture. Notes if no
-/// splat is in view. `interval` is the time between frames, in milliseconds. Draws nothing before a frame is measured,
-/// or if the texts do not fit.
+/// Draws A's frame time, rate, splat count, memory and a sparkline in the top left corner of the picture. Also tells if
+/// no splat is in view. `interval` is the time between frames, in milliseconds. Draws nothing before a frame is
+/// measured, or if the texts do not fit.
 pub fn show(ui: &Ui, viewer: &Viewer, interval: Option<f64>, view: Rect) {
     let viewport = &viewer.a;
     let Some(total) = viewport.history.total() else { return };
@@ -214,7 +214,7 @@ pub fn show(ui: &Ui, viewer: &Viewer, interval: Option<f64>, view: Rect) {
     let mut rect = Rect::from_min_size(view.min + vec2(12.0, 12.0), vec2(width + 20.0, height + 16.0));
     let line = view.left() + viewer.split * view.width();
     if viewer.compare == Mode::Split && rect.expand2(vec2(32.0, 0.0)).x_range().contains(line) {
-        // Below the letters of A and B.
+        // Keep clear of the letters A and B beside the split line.
         rect = rect.translate(vec2(0.0, 32.0));
     }
     if !view.contains_rect(rect) {

@@ -59,7 +59,7 @@ impl Tool {
         self == Tool::Timeline
     }
 
-    /// True for tools that are at the left by default.
+    /// Returns true for tools that are at the left by default.
     fn is_left(self) -> bool {
         matches!(self, Tool::Parameters | Tool::Cameras)
     }

@@ -21,7 +21,7 @@ const WIDTH: f32 = 80.0;
 #[derive(Clone, Copy, Debug)]
 pub struct Scale {
     pub min: f64,
-    /// Infinite if there is no maximum.
+    /// Maximum; infinite if there is none.
     pub max: f64,
     /// Distance between adjacent values; 0 for a continuous range.
     pub step: f64,

@@ -29,8 +29,8 @@ pub struct State {
 type Change = (String, Option<Value>);
 
 impl State {
-    /// Shows the effect of a change of one constant on the plan, in a line above the list. A change of several constants
-    /// and any other change of the passes remove the line.
+    /// Shows the effect of a change of one constant on the plan, in a line above the list. A change of several
+    /// constants and any other change of the passes remove the line.
     pub fn tell(&mut self, renderer: RendererId, swap: &Swap) {
         match (swap.parameters().as_slice(), &swap.effect) {
             ([parameter], effect) => {
@@ -242,8 +242,8 @@ fn cells(ui: &mut Ui, plan: Option<&Plan>, control: &Control, modified: bool) ->
         if let Some(value) = edited.inner {
             change = Some((param.name.clone(), Some(value)));
         }
-        // Drawn invisibly without a change: a button that disappears would lose the keyboard focus. Drawn in a child, so
-        // that its symbol, which is higher than a row, does not move the rows below.
+        // Drawn invisibly without a change: a button that disappears would lose the keyboard focus. Drawn in a child,
+        // so that its symbol, which is higher than a row, does not move the rows below.
         let (_, rect) = ui.allocate_space(egui::vec2(RESET - theme::GRID, ROW - 4.0));
         let layout = Layout::centered_and_justified(egui::Direction::LeftToRight);
         let mut child = ui.new_child(UiBuilder::new().max_rect(rect).layout(layout));

@@ -106,7 +106,7 @@ impl Drag {
                 * f64::from(seconds)
                 * (held(Key::Plus).max(held(Key::Equals)) - held(Key::Minus))
         };
-        // The camera goes on while the split line is dragged: a flight, a path, the keys and the wheel.
+        // While the split line is dragged, flights, paths, keys and the wheel still move the camera.
         let orbits =
             !moves_line && (dragged(PointerButton::Primary) && !selects || dragged(PointerButton::Middle));
         // Flying starts with the button press, without any motion.

@@ -50,9 +50,9 @@ impl Times {
 }
 
 pub struct State {
-    /// 1 fits the width.
+    /// Zoom factor; 1 fits the width.
     zoom: f32,
-    /// Left end of the visible part, in points of the zoomed timeline.
+    /// Position of the left end of the visible part, in points of the zoomed timeline.
     offset: f32,
     /// True for passes of equal width.
     equal: bool,
@@ -348,7 +348,7 @@ impl View<'_> {
         }
     }
 
-    /// Draws an arrow at height `y` for each hazard of a barrier, from the earlier pass to the pass that waits.
+    /// Draws an arrow for each hazard of a barrier, from the earlier pass to the waiting one. `y` is their height.
     fn draw_dependencies(&self, painter: &Painter, id: u32, y: f32) {
         let Some(barrier) = barrier(self.dump, id) else { return };
         let middle = |name: &str| {

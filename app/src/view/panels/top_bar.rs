@@ -1,4 +1,4 @@
-//! Draws the bar at the top: scene, camera and graph, the comparison, the tools, the view menu, and the frame time.
+//! Draws the bar at the top: scene, camera, graph, comparison, tools, view menu, and frame time.
 
 use super::controls::request;
 use super::hud;
@@ -30,7 +30,8 @@ const TITLE: f32 = 132.0;
 
 /// Minimum width for the frame time, in points. With less space, it is hidden.
 const TIME: f32 = 120.0;
-/// Minimum width for the device name and splat count beside the frame time, in points. With less space, they are hidden.
+/// Minimum width for the device name and splat count beside the frame time, in points. With less space, they are
+/// hidden.
 const DEVICE: f32 = 320.0;
 
 /// Draws a button of a fixed `width` that opens a list below it. The list stays open until a click outside. The title

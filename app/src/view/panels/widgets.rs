@@ -80,9 +80,9 @@ pub fn focus_ring(ctx: &Context) {
     painter.rect_stroke(response.rect.expand(1.0), 4.0, stroke, egui::StrokeKind::Outside);
 }
 
-/// Returns the keyboard focus to a control that was disabled in this frame, such as a button that its own click disables.
-/// The next key would reach the viewer otherwise. From a disabled control, Tab goes on to the next one. `before` had the
-/// focus when the frame began. Must be called after all controls.
+/// Returns the keyboard focus to a control that was disabled in this frame, such as a button by its own click.
+/// Otherwise, the next key would reach the viewer. From a disabled control, Tab goes on to the next one. `before` had
+/// the focus when the frame began. Must be called after all controls.
 pub fn keep_focus(ctx: &Context, before: Option<egui::Id>) {
     let now = ctx.memory(|memory| memory.focused());
     let Some(id) = before.filter(|_| now.is_none()) else { return };
@@ -140,9 +140,10 @@ pub fn rank(wanted: &str, names: &[&str], about: &str) -> Option<u8> {
     names.iter().filter_map(|name| of(name)).min().or_else(|| of(about).map(|_| 3))
 }
 
-/// Draws the contents of an open list: a search field, a button that opens a file if `opens`, and the items that have a
-/// rank for the searched text (in lower case), the best match first. `name` is the name of the field for scripts.
-/// `row` draws an item, and returns its name for scripts.
+/// Draws the contents of an open list: a search field, a button that opens a file if `opens`, and the items.
+///
+/// The items are those that have a rank for the searched text (in lower case), the best match first. `name` is the name
+/// of the field for scripts. `row` draws an item, and returns its name for scripts.
 ///
 /// Returns the item that is clicked, or the best match if Enter is pressed and the field is not empty, and closes the
 /// list.
@@ -229,7 +230,7 @@ fn ranked<T>(items: impl IntoIterator<Item = T>, rank: impl Fn(&T) -> Option<u8>
     found.into_iter().map(|(_, item)| item).collect()
 }
 
-/// Draws a list of choices, which shows `shown` while it is closed; sets `value` to the one that the user chooses.
+/// Draws a list of choices, which shows `shown` while it is closed. Sets `value` to the choice of the user.
 pub fn choice<T: PartialEq, S: AsRef<str>>(
     ui: &mut Ui,
     name: &str,

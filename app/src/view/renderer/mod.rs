@@ -122,8 +122,8 @@ pub struct Renderer {
     size: (u32, u32),
     scene: Option<u64>,
     pending_swap: Option<PendingSwap>,
-    /// True if the next plan replaces the current one even if it has the same commands: since the current plan, a build
-    /// failed that had other causes than edits, such as another scene.
+    /// True if the next plan replaces the current one even if it has the same commands. This is so after a swap failed,
+    /// after a build panicked, and after a build failed that had other causes than edits, such as another scene.
     must_swap: bool,
     in_flight: VecDeque<FrameInFlight>,
     stalled: Option<Running>,
@@ -520,7 +520,7 @@ impl Renderer {
         };
         let is_first = self.is_first_next();
         let Some(device) = &mut self.device.device else { return };
-        // Until the first frame of a plan, a plan with the same commands is as new.
+        // Until the first frame of a plan, another plan with the same commands counts as new.
         let same_plan = ready.is_none() && !is_first;
         if let Some(ready) = ready {
             if let Err(error) = device.swap(ready) {
@@ -529,7 +529,8 @@ impl Renderer {
             }
             self.whole = None;
         }
-        // A new plan may draw even though the previous one failed. An equal one is tried again at once, as well.
+        // A new plan may draw although the previous one failed. With an equal plan, drawing is also tried again at
+        // once.
         self.device.recover();
         self.drawn_with = built.capacities;
         self.attempts = 0;

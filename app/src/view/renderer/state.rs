@@ -65,7 +65,7 @@ impl PlanInputs {
 }
 
 pub(super) struct DeviceState {
-    /// `None` after the device was released, until it is replaced. A lost device is kept until it is released.
+    /// The device; `None` after it was released, until it is replaced. A lost device is kept until it is released.
     pub device: Option<Backend>,
     pub fault: Option<Fault>,
 }
@@ -108,7 +108,7 @@ pub(super) struct BuildState {
     /// The next build, for the changes since the running one began; `None` without changes.
     pub requested: Option<PendingBuild>,
     pub running: Option<Attempt>,
-    /// `None` while a build is requested or running.
+    /// Reason why nothing is built for now; `None` without one, and while a build is requested or running.
     pub pause: Option<Pause>,
 }
 

@@ -51,8 +51,8 @@ impl Viewer {
         restored.unwrap_or(&self.camera_list)
     }
 
-    /// Replaces the selectable cameras. The view stays. If another scene is being loaded for A, the cameras are kept for
-    /// it.
+    /// Replaces the selectable cameras. The view stays. If another scene is being loaded for A, the cameras are kept
+    /// for it.
     pub(in crate::view) fn restore_cameras(&mut self, list: CameraList) {
         if self.is_loading_another() {
             self.restored_cameras = Some(list);
@@ -66,7 +66,7 @@ impl Viewer {
         self.world_camera_of(self.asked)
     }
 
-    /// Returns [`Viewer::picture_camera_of`] A.
+    /// Returns the camera of A's picture; see [`Viewer::picture_camera_of`].
     pub fn picture_camera(&self) -> Camera {
         self.picture_camera_of(RendererId::A)
     }

@@ -222,8 +222,8 @@ impl Viewer {
         self.drawing().any(busy) || self.opening.busy() || scenes.into_iter().flatten().any(Subject::busy)
     }
 
-    /// Describes what the user made and did not write to a file: hidden splats, also of scenes that are no longer shown,
-    /// saved views and keys. `None` if there is nothing.
+    /// Describes the user's work that is in no file: saved views, keys, and hidden splats, also those of scenes that
+    /// are no longer shown. `None` if there is none.
     pub fn unsaved(&self) -> Option<String> {
         let new =
             |cameras: &[Camera]| cameras.iter().filter(|camera| !self.in_files.contains(camera)).count();

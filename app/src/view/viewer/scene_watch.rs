@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Default)]
 pub(super) struct SceneWatch {
-    /// `None` until the first file is watched.
+    /// Watcher of the files; `None` until the first file is watched.
     watcher: Option<Watcher>,
     /// Scenes of A and B.
     scenes: [Watched; 2],

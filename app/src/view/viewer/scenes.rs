@@ -81,7 +81,7 @@ impl Viewer {
     }
 
     fn load_scene(&mut self, id: RendererId, path: &Path) {
-        // A reload that this load cancels starts again after it, if its scene is still shown then.
+        // This load may cancel a reload. The reload starts again afterwards, if its scene is still shown then.
         if let Some(cancelled) = self.loading(id).filter(|cancelled| *cancelled != path).map(Path::to_owned) {
             self.scene_watch.postpone(id, cancelled);
         }
@@ -232,8 +232,8 @@ impl Viewer {
         self.settle(id);
     }
 
-    /// Remembers the hidden splats of a viewport's own scene, which is about to be replaced, if they are in no file.
-    /// Reports how to get them back.
+    /// Remembers the hidden splats of a viewport's own scene before it is replaced, if they are in no file. Reports how
+    /// to get them back.
     fn leave(&mut self, id: RendererId) {
         if id == RendererId::B && !self.has_two_scenes() {
             return;
@@ -282,9 +282,9 @@ impl Viewer {
         is_its_own && self.scene_path_of(id) == path
     }
 
-    /// Shows the scene of request `number` with its restored cameras, those of a later request, those beside it, or those
-    /// that the user named. A scene that was loaded again keeps the view and the cameras. So does one that is at the same
-    /// place and has the same cameras, such as another file of the same capture.
+    /// Shows the scene of request `number`. Its cameras are the restored ones, or else those of a later request, those
+    /// beside the scene, or those that the user named. A scene that was loaded again keeps the view and the cameras. So
+    /// does one that is at the same place and has the same cameras, such as another file of the same capture.
     fn show_scene(&mut self, subject: Subject, number: u64, beside: Option<CamerasBeside>) {
         let restored = self.restored_cameras.take();
         if self.reloads(RendererId::A, &subject.path) {

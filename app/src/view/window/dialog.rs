@@ -72,7 +72,7 @@ impl Dialog {
     }
 }
 
-/// Returns an error if a dialog ended without a file so soon, `after` this time, that nothing can have shown it.
+/// Returns an error if a dialog ended without a file so soon that nothing can have shown it. `after` is its duration.
 /// `None` on systems other than Linux, and if `path` has zenity, which shows the dialog without a desktop portal.
 fn lacking(after: Duration, path: &OsStr) -> Option<String> {
     let has_zenity = || env::split_paths(path).any(|folder| folder.join("zenity").is_file());

@@ -39,7 +39,7 @@ const EDITORS: [(&str, &[&str]); 12] = [
     ("mousepad", PLUS),
 ];
 
-/// Starts the user's editor, and collects its failures.
+/// Launcher of the user's editor, with its failures.
 pub struct Editor {
     failures: (Sender<String>, Receiver<String>),
     wake: Wake,

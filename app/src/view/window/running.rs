@@ -280,7 +280,7 @@ impl Running {
         }
     }
 
-    /// Takes the events since the last frame, and writes them, the controls and a drawn frame to the event log, if any.
+    /// Writes the events since the last frame, the controls and a drawn frame to the event log, if any.
     fn write_events(&mut self, size: (u32, u32), drawn: bool) {
         let events = self.shell.take_events();
         let Some(log) = &mut self.log else { return };

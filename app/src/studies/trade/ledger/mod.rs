@@ -117,11 +117,11 @@ pub struct Book {
     /// Ledger with the rows so far.
     pub ledger: Ledger,
     path: Option<PathBuf>,
-    /// Holds the lock of the file's folder.
+    /// Lock of the file's folder, held as long as the book exists.
     _lock: Option<File>,
 }
 
-/// Checks that [`Book::save`] may replace a file: a ledger of any version of the program, an empty file, or no file.
+/// Checks that [`Book::save`] may replace a file. It must be a ledger of any version of the program, empty, or missing.
 /// Returns the settings that have rows in the ledger, or equal plans to one that has.
 ///
 /// # Errors
