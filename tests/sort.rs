@@ -282,12 +282,13 @@ fn the_serial_sort_refuses_blocks_that_are_too_many_to_loop_over_and_is_right_wi
     smallest.check(Run { count, seed: 5, kind: Kind::Random });
 }
 
-/// With `starve`, blocks are taken from last to first, so none finds the counts of its predecessor.
+/// With `starve`, blocks are taken from last to first, so none finds the counts of its predecessor. By index, a thread of
+/// lavapipe begins in the middle.
 #[test]
 fn a_sweep_whose_workgroups_wait_in_vain_counts_the_earlier_blocks_itself() {
     let mut bench = Bench::new();
-    for digit_bits in [3, 8] {
-        let set = [("digit_bits", digit_bits), ("key_bits", 16), ("starve", 1)];
+    for (digit_bits, starve, by_index) in [(3, 1, 0), (8, 1, 0), (8, 1, 1), (8, 0, 1)] {
+        let set = [("digit_bits", digit_bits), ("key_bits", 16), ("starve", starve), ("by_index", by_index)];
         let mut starved = bench.with("sweep", &set, 20_000).unwrap_or_else(|text| panic!("{text}"));
         for kind in KINDS {
             starved.check(Run { count: 20_000, seed: 7, kind });

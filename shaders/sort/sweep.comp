@@ -6,12 +6,13 @@
 #extension GL_KHR_memory_scope_semantics : require
 #extension GL_EXT_control_flow_attributes : require
 
-// A digit in one dispatch: a workgroup takes a block of keys by a ticket, counts its bins, publishes the counts, and sums those of earlier
-// blocks ("decoupled look-back", Merrill and Garland 2016). Then it moves every pair to its place.
+// A digit in one dispatch: a workgroup counts the bins of its block of keys, publishes the counts, and sums those of earlier blocks
+// ("decoupled look-back", Merrill and Garland 2016). Then it moves every pair to its place.
 //
-// A workgroup must not wait for another: Vulkan guarantees no forward progress between workgroups. After POLLS polls without a result, a
-// workgroup counts the predecessor's keys itself ("decoupled fallback", Smith, Levien and Owens, SPAA 2025). A word of the table holds a
-// count and its kind, and publishes no other memory, so relaxed atomics of device scope suffice.
+// A workgroup must not wait for another: Vulkan guarantees neither that workgroups begin in the order of their indices, nor that they make
+// progress. After POLLS polls without a result, a workgroup counts the predecessor's keys itself ("decoupled fallback", Smith, Levien and
+// Owens, SPAA 2025). A word of the table holds a count and its kind, and publishes no other memory, so relaxed atomics of device scope
+// suffice.
 //
 // The place of a key in its block is that of its bin, plus the number of keys of the same bin before it: those of lower subgroups, of
 // earlier steps of its own, and of lower lanes in the same step. The order is deterministic, so the sort is stable.
@@ -25,7 +26,12 @@ layout(set = 0, binding = 1, std430) readonly buffer KeysIn { uint keys_in[]; };
 layout(set = 0, binding = 2, std430) readonly buffer ValuesIn { uint values_in[]; };
 layout(set = 0, binding = 3, std430) buffer Table { uint table[]; };
 layout(set = 0, binding = 4, std430) writeonly buffer NextTable { uint next_table[]; };
+#if TICKETS
 layout(set = 0, binding = 5, std430) buffer Totals { uint totals[]; };
+shared uint ticket;
+#else
+layout(set = 0, binding = 5, std430) readonly buffer Totals { uint totals[]; };
+#endif
 layout(set = 0, binding = 6, std430) writeonly buffer KeysOut { uint keys_out[]; };
 layout(set = 0, binding = 7, std430) writeonly buffer ValuesOut { uint values_out[]; };
 
@@ -44,7 +50,6 @@ shared uint words[max(COUNTERS, STEPS * THREADS)];
 // The place of each bin's run, minus its offset in the block.
 shared uint bin_place[BINS];
 shared uint subgroup_sums[SUBGROUPS];
-shared uint ticket;
 shared uint stalled;
 
 // Writes half `i` of packed words: the lower half of a word for even `i`, which must come first, and the upper half for odd.
@@ -126,26 +131,21 @@ void main() {
     uint count = args[ARGS_VISIBLE];
     uint blocks = blocks_of(count);
     uint thread = thread_index();
+    uint block = group_index();
+#if TICKETS
     if (thread == 0u) {
         ticket = atomicAdd(totals[uint(DIGITS) * BINS * uint(TOTAL_PARTS) + first_total / (BINS * uint(TOTAL_PARTS))], 1u);
-        stalled = 0u;
-    }
-    [[unroll]] for (uint i = 0u; i < (COUNTERS + THREADS - 1u) / THREADS; i++) {
-        uint at = i * THREADS + thread;
-        if (COUNTERS % THREADS == 0u || at < COUNTERS) {
-            words[at] = 0u;
-        }
     }
     barrier();
-#if STARVE
-    // Reverses the blocks, so that predecessors have not published yet.
-    uint block = blocks - 1u - ticket;
-#else
-    uint block = ticket;
+    block = ticket;
 #endif
-    if (ticket >= blocks) {
+    if (block >= blocks) {
         return;
     }
+#if STARVE
+    // Reverses the blocks, so that predecessors have not published yet.
+    block = blocks - 1u - block;
+#endif
     uint first = block * uint(BLOCK_KEYS);
     uint held = min(uint(BLOCK_KEYS), count - first);
     uint mine = gl_SubgroupID * (STEPS * LANES) + gl_SubgroupInvocationID;
@@ -157,6 +157,16 @@ void main() {
         uint at = mine + i * LANES;
         keys[i] = at < held ? keys_in[first + at] : ~0u;
     }
+    if (thread == 0u) {
+        stalled = 0u;
+    }
+    [[unroll]] for (uint i = 0u; i < (COUNTERS + THREADS - 1u) / THREADS; i++) {
+        uint at = i * THREADS + thread;
+        if (COUNTERS % THREADS == 0u || at < COUNTERS) {
+            words[at] = 0u;
+        }
+    }
+    barrier();
 
     // Each subgroup walks its range and counts; the counter before a key is its rank among those of its bin in the range.
     // Ranks are packed two to a word, to save registers.
@@ -177,15 +187,13 @@ void main() {
 
     // For each bin: the keys of the block, published to later blocks at once, and the offset of each subgroup in the block.
     uint in_block[BINS_PER_THREAD];
-    uint of_subgroup[BINS_PER_THREAD][SUBGROUPS];
     uint sum = 0u;
     [[unroll]] for (uint j = 0u; j < BINS_PER_THREAD; j++) {
         uint bin = thread * BINS_PER_THREAD + j;
         in_block[j] = 0u;
         if (bin < BINS) {
             [[unroll]] for (uint s = 0u; s < SUBGROUPS; s++) {
-                of_subgroup[j][s] = words[s * BINS + bin];
-                in_block[j] += of_subgroup[j][s];
+                in_block[j] += words[s * BINS + bin];
             }
             // Lanes beyond the end count for the highest bin.
             in_block[j] -= bin == mask ? STEPS * THREADS - held : 0u;
@@ -202,9 +210,11 @@ void main() {
         uint bin = thread * BINS_PER_THREAD + j;
         starts[j] = start;
         if (bin < BINS) {
+            // Read again, because registers decide how many workgroups fit on a multiprocessor.
             [[unroll]] for (uint s = 0u; s < SUBGROUPS; s++) {
+                uint of_subgroup = words[s * BINS + bin];
                 words[s * BINS + bin] = start;
-                start += of_subgroup[j][s];
+                start += of_subgroup;
             }
         }
     }
