@@ -103,7 +103,7 @@ impl Bench {
         self.with_facts(&facts, sorter, set, capacity)
     }
 
-    /// Like [`Self::with`], with a plan for other device facts, which must be valid on the device.
+    /// Builds and loads the sort like [`Self::with`], for other device facts. The plan must be valid on the device.
     fn with_facts(
         &mut self,
         facts: &DeviceFacts,
@@ -164,10 +164,10 @@ impl Sorter<'_> {
     }
 }
 
-/// Returns sizes up to `most`: 0 to 2, 65,535, 65,536, those around the number of lanes, and those around multiples of
-/// the block and of another step, `block * lanes` for the serial sort and `8 * lanes` for others.
+/// Returns boundary sizes up to `most`. They are 0 to 2, 65,535, 65,536, those around the number of lanes, and those
+/// around multiples of the block and of another step, `block * lanes` for the serial sort and `8 * lanes` for others.
 ///
-/// A long run has all multiples up to 65,536; other runs have those by 1, 2, 3 and 7 only.
+/// A long run has all multiples up to 65,536; other runs have only the multiples by 1, 2, 3 and 7.
 fn boundary_sizes(block: u32, lanes: u32, serial: bool, most: u32) -> Vec<u32> {
     let mut sizes = vec![0, 1, 2, lanes - 1, lanes, lanes + 1, 65_535, 65_536];
     for step in [block, if serial { block * lanes } else { 8 * lanes }] {
@@ -270,7 +270,8 @@ fn larger_sorts_are_right_too() {
     println!("{sorts} inputs of up to 2^19 pairs");
 }
 
-/// Lavapipe ends loops after 65,535 iterations, and the scan of the serial sort loops over the blocks.
+/// Tests the limit on the number of blocks. Lavapipe ends loops after 65,535 iterations, and the scan of the serial
+/// sort loops over the blocks.
 #[test]
 fn the_serial_sort_refuses_blocks_that_are_too_many_to_loop_over_and_is_right_with_the_smallest_others() {
     let count = 1 << 21;
@@ -282,8 +283,8 @@ fn the_serial_sort_refuses_blocks_that_are_too_many_to_loop_over_and_is_right_wi
     smallest.check(Run { count, seed: 5, kind: Kind::Random });
 }
 
-/// With `starve`, blocks are taken from last to first, so none finds the counts of its predecessor. By index, a thread of
-/// lavapipe begins in the middle.
+/// Takes the blocks from last to first (`starve`), or, on lavapipe, from two places (by index), so that predecessors have
+/// not counted yet.
 #[test]
 fn a_sweep_whose_workgroups_wait_in_vain_counts_the_earlier_blocks_itself() {
     let mut bench = Bench::new();
@@ -296,7 +297,7 @@ fn a_sweep_whose_workgroups_wait_in_vain_counts_the_earlier_blocks_itself() {
     }
 }
 
-/// The sweep counts several blocks per workgroup: their number times a workgroup's index needs more than 32 bits. With
+/// Sweeps many blocks, several per workgroup. Their number times a workgroup's index needs more than 32 bits. With
 /// small workgroups, a test of so many blocks is fast.
 #[test]
 fn a_sweep_counts_each_key_once_however_many_blocks_there_are() {
