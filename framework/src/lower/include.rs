@@ -205,6 +205,11 @@ impl Lowering<'_> {
                 self.errors.push(hides_the_output(inner));
             }
         }
+        for (output, image) in &inner.graph.outputs {
+            if let Some(Some(Handle::Plain(ids))) = inner.handles.get(&image.text) {
+                self.lowered.offered.extend(ids.iter().map(|id| (*id, output.clone())));
+            }
+        }
         level.handles.extend(given.into_iter().map(|(name, handle)| (format!("{include}.{name}"), handle)));
         level.given.extend(decided.into_iter().map(|(name, params)| (format!("{include}.{name}"), params)));
     }

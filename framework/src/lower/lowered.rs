@@ -25,6 +25,8 @@ pub struct Lowered {
     pub skipped: Vec<SkippedUse>,
     /// Resources that the removed passes and includes would use.
     pub unwritten: Vec<RemovedUse>,
+    /// Outputs besides the picture that included graphs draw on request: images, and names of the outputs.
+    pub offered: Vec<(ResourceId, String)>,
     /// Included graphs, includers before their includes.
     pub includes: Vec<LoweredInclude>,
     /// The halves of each ping-pong buffer. The first is the front at the start of the graph.

@@ -247,7 +247,13 @@ fn never_written(
             format!("`{}` uses it, but is left out because this is false", removed.pass),
         );
     }
-    diagnostic
+    match lowered.offered.iter().find(|(image, _)| writers.is_empty() && *image == resource) {
+        None => diagnostic,
+        Some((_, output)) => diagnostic.with_help(format!(
+            "`{output}` is an output of the included graph, which draws it only on request: give the pass \
+             `when: \"outputs.{output}\"`, or draw it with another graph"
+        )),
+    }
 }
 
 /// Returns one flag per pass: true if the export or the host pass depends on it, directly or indirectly.
