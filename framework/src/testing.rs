@@ -35,6 +35,7 @@ impl ShaderCompiler for ListCompiler {
             inputs: Vec::new(),
             outputs: Vec::new(),
             uses_position: true,
+            ignores_rows: false,
             features: Features::empty(),
         };
         let text = files.text(request.file).to_string();

@@ -42,6 +42,7 @@ pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
         inputs: Vec::new(),
         outputs: Vec::new(),
         uses_position: stage == ShaderStage::Vertex,
+        ignores_rows: false,
         features: Features::empty(),
     };
     for line in text.lines().filter(|line| line.starts_with("layout(")) {

@@ -131,6 +131,7 @@ pub(crate) fn reflection(stage: ShaderStage, local_size: [u32; 3], features: Fea
         inputs: Vec::new(),
         outputs: Vec::new(),
         uses_position: true,
+        ignores_rows: false,
         features,
     }
 }

@@ -104,6 +104,9 @@ pub struct Reflection {
     pub outputs: Vec<Varying>,
     /// True if the code uses `gl_Position`. Without a position, what a vertex shader draws is undefined.
     pub uses_position: bool,
+    /// True if the code uses `gl_WorkGroupID` or `gl_GlobalInvocationID`, and not `gl_NumWorkGroups`. It then cannot
+    /// tell apart the rows of a dispatch that is folded into y.
+    pub ignores_rows: bool,
     /// Optional device features that the module requires.
     pub features: Features,
 }

@@ -80,6 +80,8 @@ pub(super) struct Linker<'a> {
     /// Shader files found so far, by the graph that names them and the name in that graph.
     pub found: HashMap<(FileId, String), FileId>,
     pub errors: Vec<Diagnostic>,
+    /// Warnings about dispatches whose rows the shader ignores.
+    pub sizes: Vec<Diagnostic>,
 }
 
 impl Linker<'_> {

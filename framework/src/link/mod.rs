@@ -42,6 +42,7 @@ pub fn link(
         compiled: HashMap::new(),
         found: HashMap::new(),
         errors: Vec::new(),
+        sizes: Vec::new(),
         files,
         compiler,
         lowered: &lowered,
@@ -60,7 +61,7 @@ pub fn link(
             break;
         }
     }
-    let Linker { errors, shaders, files, compiler, .. } = linker;
+    let Linker { errors, sizes, shaders, files, compiler, .. } = linker;
     if !errors.is_empty() {
         return Err(Diagnostic::distinct(errors));
     }
@@ -77,6 +78,7 @@ pub fn link(
         return Err(missing);
     }
     lowered.removed.iter_mut().zip(mentioned).for_each(|(removed, params)| removed.named.extend(params));
+    lowered.sizes.extend(sizes);
     lowered.plan.shaders = shaders;
     Ok(Linked { lowered, passes })
 }

@@ -176,6 +176,15 @@ impl Linker<'_> {
                 return None;
             }
             groups = [all.div_ceil(rows), rows, 1];
+            let shader = &self.shaders[id.index()];
+            if rows > 1 && shader.reflection.ignores_rows {
+                let message = format!("`{}` gets the same indices in every row of workgroups", shader.name);
+                let label = format!("{all} workgroups are folded into {rows} rows");
+                self.sizes.push(Diagnostic::new(message, span, label).with_help(
+                    "number workgroups with `group_index()` of `groups.glsl`, and invocations with `group_index() * \
+                     gl_WorkGroupSize.x + gl_LocalInvocationID.x`",
+                ));
+            }
         } else if let Some(axis) = (0..3).find(|axis| groups[*axis] > limits[*axis]) {
             let (name, count, most) = (["x", "y", "z"][axis], groups[axis], limits[axis]);
             self.error(too_large, span, format!("{count} workgroups in {name}; {most} are possible"));

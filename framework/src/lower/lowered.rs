@@ -33,8 +33,8 @@ pub struct Lowered {
     pub ping_pongs: Vec<[ResourceId; 2]>,
     /// Ping-pong buffers that a repeat uses and does not swap.
     pub unswapped: Vec<Unswapped>,
-    /// Warnings about dispatches and draws whose size is 0 in every plan.
-    pub idle: Vec<Diagnostic>,
+    /// Warnings about sizes of dispatches and draws: 0 in every plan, or folded into rows that the shader ignores.
+    pub sizes: Vec<Diagnostic>,
     /// Place of the output's name in the file.
     pub output_span: Span,
     /// Places of the plan's statistics in the file, in the same order.

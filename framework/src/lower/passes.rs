@@ -203,7 +203,7 @@ impl Lowering<'_> {
     fn note_idle(&mut self, level: &Level, pass: &str, size: &Number, at: &Place) {
         if level.names.is_constant(size) && level.names.evaluate(size, at) == Ok(Value::Int(0)) {
             let warning = at.error(format!("no shader of `{pass}` ever runs"), "is 0");
-            self.lowered.idle.push(warning.with_help("to leave a pass out, give it `when: false`"));
+            self.lowered.sizes.push(warning.with_help("to leave a pass out, give it `when: false`"));
         }
     }
 

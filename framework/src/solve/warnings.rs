@@ -5,6 +5,7 @@
 //!   ping-pong buffer that no pass reads, or the reader comes first in the file. The reader gets the contents from
 //!   before the include.
 //! - A dispatch or a draw has a constant size of 0.
+//! - The workgroups of a dispatch are folded into y, and its shader does not number them.
 //! - The iterations of a repeat read the same half of a ping-pong buffer and write the other: a `Swap` is missing.
 //! - A `Once` pass fills a ping-pong buffer, and each frame changes it in an odd number of steps: the next frame does
 //!   not start with the result.
@@ -37,7 +38,7 @@ pub(super) fn warnings(
     found.extend(idle_includes(passes, &order.live, lowered));
     found.extend(unswapped(passes, &order.live, lowered));
     found.extend(lost_steps(passes, order, lowered));
-    found.extend(Diagnostic::distinct(lowered.idle.clone()));
+    found.extend(Diagnostic::distinct(lowered.sizes.clone()));
     let warning =
         |diagnostic: Diagnostic| Warning { origin: files.origin(diagnostic.primary.span), diagnostic };
     found.into_iter().map(warning).collect()

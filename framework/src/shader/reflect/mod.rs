@@ -56,6 +56,12 @@ pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
         Ok::<_, String>(PushBlock { bytes, members })
     });
 
+    let built_in = |v: &Variable| module.number(v.id, None, Decoration::BuiltIn);
+    let uses_input = |any: [BuiltIn; 2]| {
+        let found =
+            module.variables.iter().filter(|v| any.iter().any(|one| built_in(v) == Some(*one as u32)));
+        found.map(|v| v.id).any(|input| accesses.members.iter().any(|(variable, _)| *variable == input))
+    };
     Ok(Reflection {
         stage: module.stage,
         local_size: module.local_size,
@@ -65,6 +71,8 @@ pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
         inputs: varyings(&module, StorageClass::Input)?,
         outputs: varyings(&module, StorageClass::Output)?,
         uses_position: uses_position(&module, &accesses),
+        ignores_rows: uses_input([BuiltIn::WorkgroupId, BuiltIn::GlobalInvocationId])
+            && !uses_input([BuiltIn::NumWorkgroups; 2]),
         features: features::features(&module, &accesses)?,
     })
 }

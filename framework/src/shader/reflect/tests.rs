@@ -540,3 +540,17 @@ fn a_position_is_used_if_code_that_runs_mentions_it() {
     assert!(!uses("void main() { gl_PointSize = 1.0; }"));
     assert!(!uses("void put() { gl_Position = vec4(1.0); }\nvoid main() {}"));
 }
+
+#[test]
+fn rows_of_workgroups_are_ignored_by_code_that_numbers_one_row() {
+    let ignores = |index: &str| {
+        let block = "layout(set = 0, binding = 0) buffer Out { uint o[]; };\n";
+        compute(&format!("{block}void main() {{ o[{index}] = 1; }}")).ignores_rows
+    };
+    for index in ["gl_GlobalInvocationID.x", "gl_WorkGroupID.x * 64 + gl_LocalInvocationIndex"] {
+        assert!(ignores(index), "{index}");
+    }
+    for index in ["gl_LocalInvocationIndex", "gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x"] {
+        assert!(!ignores(index), "{index}");
+    }
+}

@@ -171,6 +171,7 @@ fn two_stages_that_access_by_atomics_alone_do_not_race() {
             inputs: vec![],
             outputs: vec![],
             uses_position: true,
+            ignores_rows: false,
             features: Default::default(),
         },
     };
