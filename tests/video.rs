@@ -99,6 +99,25 @@ fn the_same_command_again_draws_what_is_missing_and_another_film_is_refused() {
 }
 
 #[test]
+fn frames_that_depend_on_those_before_them_are_drawn_from_the_start_and_only_missing_ones_are_saved() {
+    let place = Place::demo(5000);
+    let line = LINE.replace("=splat", "=stale_order");
+    place.done(&format!("{line} frames"));
+    let before = place.bytes("frames/00002.png");
+    fs::remove_file(place.at("frames/00002.png")).expect("removed");
+    fs::copy(place.at("frames/00003.png"), place.at("frames/00000.png")).expect("copied");
+    let resumed = place.run(&format!("{line} frames"));
+    let (out, notes) = (String::from_utf8_lossy(&resumed.stdout), String::from_utf8_lossy(&resumed.stderr));
+    assert!(out.contains("(3 already there)") && out.contains("; 3 drawn in"), "{out}");
+    assert!(notes.contains("the first 3 are drawn, and the missing ones saved"), "{notes}");
+    assert!(place.bytes("frames/00002.png") == before);
+    assert!(place.bytes("frames/00000.png") == place.bytes("frames/00003.png"));
+    let blurred = place.run(&format!("{line} blurred --samples=2"));
+    let notes = String::from_utf8_lossy(&blurred.stderr);
+    assert!(notes.contains("and each of the 2 samples counts as one"), "{notes}");
+}
+
+#[test]
 fn blur_mixes_the_time_while_the_shutter_is_open_and_a_closed_shutter_blurs_nothing() {
     let place = Place::demo(5000);
     drawn(&place, "sharp");

@@ -70,6 +70,8 @@ pub struct DrawOptions {
 
 /// Summary of the frames that [`draw`] drew.
 pub struct Drawn {
+    /// Number of frames.
+    pub frames: usize,
     /// GPU time of all samples, in milliseconds; `None` without timestamps.
     pub gpu_ms: Option<f64>,
     /// Number of frames whose last sample shows no splat; 0 for a scene without splats.
@@ -136,7 +138,7 @@ pub fn draw<T: Send + 'static>(
     while let Some(outcome) = pictures.wait()? {
         done(outcome)?;
     }
-    Ok(Drawn { gpu_ms: ms, blind })
+    Ok(Drawn { frames: frames.len(), gpu_ms: ms, blind })
 }
 
 /// Sum of a frame's samples, in linear light.

@@ -10,6 +10,7 @@ use super::outcome::{self, Outcome, Usage, claim_graph_files};
 use super::render::prepare_plan;
 use super::scenes::ScenesArgs;
 use super::stdout::Stdout;
+use crate::draw::animation::is_animated;
 use crate::draw::blind;
 use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
 use crate::draw::film::{self, DrawOptions, Drawn, Film, Motion};
@@ -32,6 +33,7 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Projection, Scene, grouped};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 const EXAMPLES: &str = "Examples:
@@ -325,25 +327,37 @@ pub fn run(args: &Args) -> Result<Outcome> {
     cameras::tell_shape(&[first.projected(graph, session.scene())]);
     prepare_plan(&mut session, first)?;
     let note = session.background_note(args.background);
-    session.settings_without_effect().iter().chain(&note).for_each(say);
+    let plan = session.plan().context("no plan after `prepare`")?;
+    let dependent = is_animated(plan).then(|| {
+        format!("{}: each frame depends on those before it (a history, or `camera.frame`)", plan.name)
+    });
+    let samples = dependent.as_ref().filter(|_| args.samples > 1);
+    let samples = samples.map(|why| format!("{why}, and each of the {} samples counts as one", args.samples));
+    session.settings_without_effect().iter().chain(&note).chain(&samples).for_each(say);
     claim_graph_files(&mut guard, &session.files())?;
 
     let job = Job { args, film: &film, size };
     let began = Instant::now();
     let told = match &destination {
-        Destination::File(path, format) => job.write(&mut session, path, *format)?,
+        Destination::File(path, format) => job.write(&mut session, path, *format)?.map(|drawn| (0, drawn)),
         Destination::Folder(sequence) => {
             let record = job.record(&session, &cameras)?;
             let missing = sequence.missing(&record, frames, size)?;
-            let drawn = job.fill(&mut session, sequence, &missing)?;
-            Some((missing.len(), drawn))
+            let last = missing.last().filter(|_| dependent.is_some());
+            let drawn = last.map_or_else(|| missing.clone(), |last| (0..=*last).collect());
+            if let (Some(why), true) = (&dependent, drawn.len() > missing.len()) {
+                say(format!("{why}: the first {} are drawn, and the missing ones saved", drawn.len()));
+            }
+            let there = frames as usize - missing.len();
+            Some((there, job.fill(&mut session, sequence, &drawn, missing)?))
         }
     };
-    if let Some((drawn, Drawn { gpu_ms, blind })) = told {
-        let (scene, camera) = (session.scene(), film.camera(0.0).filter(|_| blind == drawn));
+    if let Some((there, drawn)) = told {
+        let (scene, blind) = (session.scene(), drawn.blind);
+        let camera = film.camera(0.0).filter(|_| blind == drawn.frames);
         let rules = |camera| (camera, blind::rules_of(session.plan(), scene, camera));
-        loading::tell_blind(scene, (blind, drawn), &camera.as_ref().map(rules), "the same command");
-        let line = job.summary(drawn, began.elapsed().as_secs_f64(), gpu_ms);
+        loading::tell_blind(scene, (blind, drawn.frames), &camera.as_ref().map(rules), "the same command");
+        let line = job.summary(there, &drawn, began.elapsed().as_secs_f64());
         Stdout::of([Some(args.output.as_path()), args.write_cameras.as_deref()].into_iter().flatten())
             .line(&line)?;
     }
@@ -361,9 +375,8 @@ impl Job<'_> {
         DrawOptions { background: self.args.background, jobs: options::jobs(self.args.jobs) }
     }
 
-    /// Writes the film to one file. Returns the number of frames and their summary; `None` if the reader of the output
-    /// pipe closed it.
-    fn write(&self, session: &mut Session, path: &Path, format: Format) -> Result<Option<(usize, Drawn)>> {
+    /// Writes the film to one file. Returns a summary; `None` if the reader of the output pipe closed it.
+    fn write(&self, session: &mut Session, path: &Path, format: Format) -> Result<Option<Drawn>> {
         let frames: Vec<u32> = (0..self.film.frames).collect();
         let mut progress = Progress::new("drawing");
         let mut told = None;
@@ -385,7 +398,7 @@ impl Job<'_> {
                 (_, Some(cause)) => Err(cause),
                 (Ok(drawn), None) => {
                     writer.finish()?;
-                    told = Some((frames.len(), drawn));
+                    told = Some(drawn);
                     Ok(())
                 }
                 (Err(error), None) => {
@@ -405,17 +418,26 @@ impl Job<'_> {
         }
     }
 
-    /// Draws the missing frames.
-    fn fill(&self, session: &mut Session, sequence: &Sequence, missing: &[u32]) -> Result<Drawn> {
+    /// Draws `frames`, and saves those that are `missing`.
+    fn fill(
+        &self,
+        session: &mut Session,
+        sequence: &Sequence,
+        frames: &[u32],
+        missing: Vec<u32>,
+    ) -> Result<Drawn> {
         let mut progress = Progress::new("drawing");
         let mut done = 0;
         let encode = {
-            let sequence = sequence.clone();
-            move |frame, image: image::Image| Ok(sequence.save(frame, &image)?)
+            let (sequence, missing) = (sequence.clone(), Arc::new(missing));
+            move |frame, image: image::Image| match missing.binary_search(&frame) {
+                Ok(_) => Ok(sequence.save(frame, &image)?),
+                Err(_) => Ok(()),
+            }
         };
-        film::draw(session, self.film, missing, &self.options(), encode, |()| {
+        film::draw(session, self.film, frames, &self.options(), encode, |()| {
             done += 1;
-            progress.set(done, missing.len() as u64, "");
+            progress.set(done, frames.len() as u64, "");
             Ok(())
         })
     }
@@ -442,7 +464,7 @@ impl Job<'_> {
         Ok(record)
     }
 
-    fn summary(&self, drawn: usize, seconds: f64, ms: Option<f64>) -> String {
+    fn summary(&self, there: usize, drawn: &Drawn, seconds: f64) -> String {
         let ((width, height), frames) = (self.size, self.film.frames);
         let path = &self.args.output;
         let name =
@@ -450,12 +472,13 @@ impl Job<'_> {
         let duration = f64::from(frames) / self.args.fps.per_second();
         let bytes = std::fs::metadata(path).ok().filter(|found| found.is_file());
         let bytes = bytes.map_or_else(String::new, |found| format!(", {} bytes", grouped(found.len())));
-        let there = match frames as usize - drawn {
+        let there = match there {
             0 => String::new(),
             there => format!(" ({there} already there)"),
         };
-        let gpu =
-            ms.filter(|_| drawn > 0).map(|ms| format!(", {:.2} ms of GPU time each", ms / drawn as f64));
+        let Drawn { frames: drawn, gpu_ms, .. } = *drawn;
+        let gpu = gpu_ms.filter(|_| drawn > 0);
+        let gpu = gpu.map(|ms| format!(", {:.2} ms of GPU time each", ms / drawn as f64));
         format!(
             "{name}: {frames} {} of {width} x {height}{there}, {duration:.1} s at {} fps{bytes}; {drawn} drawn in {seconds:.1} s{}",
             if frames == 1 { "frame" } else { "frames" },
