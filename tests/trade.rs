@@ -27,6 +27,10 @@ fn the_ledger_holds_each_setting_against_the_truth_and_goes_on_after_an_interrup
     let rows = whole["rows"].as_array().expect("rows");
     assert_eq!(rows.len(), 6);
     let found = |setting: &str, camera: &str| found(&place, "ledger", setting, camera);
+    // The buffer that reads the measured picture back does not count.
+    let bench = place.told("bench scene.ply -c cameras.json -p unsorted --rounds 1 --frames 1 --json");
+    let bytes = &bench["rows"][0]["found"]["Ok"]["memory_bytes"];
+    assert_eq!(&found("preset unsorted", "one")["gpu_bytes"], bytes);
     for camera in ["one", "two"] {
         let psnr = |setting: &str| found(setting, camera)["error"]["psnr_db"].as_f64().expect("not equal");
         assert!(psnr("exact") > 70.0 && psnr("exact") > psnr("preset unsorted") + 20.0, "{table}");

@@ -25,6 +25,9 @@ use std::time::Duration;
 /// Maximum number of frames in flight, per context.
 pub const FRAMES_IN_FLIGHT: usize = 2;
 
+/// Name in [`Device::memory`] of the buffers that read outputs back, which exist only after such a frame.
+pub const OUTPUT_READBACK: &str = "output readback";
+
 /// A physical device that a backend could open.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DeviceInfo {
@@ -521,7 +524,8 @@ pub trait Device: Sized {
     /// Lists device memory by name, in bytes: the plan's resources, then scene attributes, then the backend's own.
     ///
     /// The sum is the allocated memory. Memory that contexts share is listed by each of them. Resources that share
-    /// memory form one entry, with names joined by ` + `. The copies of a resource per frame in flight form one entry.
+    /// memory form one entry, with names joined by ` + `. The copies of a resource per frame in flight form one entry,
+    /// and so do the buffers that read outputs back, [`OUTPUT_READBACK`].
     fn memory(&self) -> Vec<(String, u64)>;
 
     /// Returns the size and the available bytes of the largest device-local heap, as of now.

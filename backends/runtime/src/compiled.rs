@@ -15,7 +15,7 @@ use crate::results::{self, Recipe, Recipes};
 use crate::shared::Shared;
 use crate::timing::queries;
 use crate::upload::upload;
-use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT, Progress, SceneData};
+use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT, OUTPUT_READBACK, Progress, SceneData};
 use splatgraph_framework::shader::Cancel;
 use splatgraph_framework::{ir::*, plan::*};
 use std::collections::BTreeSet;
@@ -218,7 +218,7 @@ impl<G: Gpu> CompiledPlan<G> {
             return Ok(free.clone());
         }
         let bytes = self.resources.image(self.plan.output).map_or(0, |image| image.bytes());
-        let buffer = Arc::new(Buffer::to_host(gpu, "output readback", bytes)?);
+        let buffer = Arc::new(Buffer::to_host(gpu, OUTPUT_READBACK, bytes)?);
         self.readbacks.push(buffer.clone());
         Ok(buffer)
     }
@@ -233,7 +233,7 @@ impl<G: Gpu> CompiledPlan<G> {
         let mut memory = self.resources.memory(&self.plan);
         let readback: u64 = self.readbacks.iter().map(|buffer| buffer.memory.bytes()).sum();
         if readback > 0 {
-            memory.push(("output readback".to_string(), readback));
+            memory.push((OUTPUT_READBACK.to_string(), readback));
         }
         let saved: u64 = self.saved.iter().map(|(_, copy)| copy.memory().bytes()).sum();
         if saved > 0 {

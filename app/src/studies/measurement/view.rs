@@ -9,7 +9,7 @@ use crate::draw::session::{Session, SessionError};
 use crate::draw::truth::Truth;
 use crate::io::image::Image;
 use serde::{Deserialize, Serialize};
-use splatgraph_api::Device;
+use splatgraph_api::{Device, OUTPUT_READBACK};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::metrics::flip::Seen;
 use splatgraph_reference::{PictureMemoryError, Rules, depth_order};
@@ -76,7 +76,7 @@ pub struct Measured {
     pub inversions: Option<u64>,
     /// True if the plan reads the previous frame: a still view then hides the lag behind a moving camera.
     pub of_last_frame: bool,
-    /// Bytes of memory on the device.
+    /// Bytes of memory on the device, without the buffer that reads the picture back.
     pub gpu_bytes: u64,
 }
 
@@ -135,10 +135,12 @@ pub fn measure<'scope>(
         Comparison::Done(Err(_)) => None,
         _ => time_in_turns(session, baseline, &view.camera, effort, until)?,
     };
+    let memory = session.device().memory();
     Ok(Measuring {
         time,
         of_last_frame: session.plan().is_some_and(plans::uses_last_frame),
-        gpu_bytes: session.device().memory().iter().map(|(_, bytes)| bytes).sum(),
+        // Only the capture reads the picture back.
+        gpu_bytes: memory.iter().filter(|(name, _)| name != OUTPUT_READBACK).map(|(_, bytes)| bytes).sum(),
         comparison,
     })
 }
