@@ -96,7 +96,8 @@ pub struct Report {
     pub rows: Vec<Row>,
 }
 
-/// Measures sorts of each number of pairs, with the key widths interleaved. Calls `kept` after each number.
+/// Measures sorts of each number of pairs, with the key widths interleaved. Calls `kept` before the first
+/// number, so that no earlier file is taken for this run's, and after each.
 ///
 /// # Errors
 /// The device fails, `kept` fails, or the listener cancels. A sort that does not fit in memory, or that leaves pairs in
@@ -113,6 +114,7 @@ pub fn measure<E: From<StudyError>>(
     let bench = Bench { device, scene: scene.into(), frames: origin.effort, copy };
     let mut steps = Steps::new(listener, "sorting", pairs.len());
     let mut report = Report { origin, complete: false, rows: Vec::new() };
+    kept(&report)?;
     for pairs in pairs.iter().copied() {
         let candidate = |key_bits: u32| {
             let own = OWN_PARAMETERS.into_iter().zip([pairs, key_bits]);
@@ -226,7 +228,7 @@ mod tests {
             Ok::<(), StudyError>(())
         };
         let report = measure(&device, &[100, 200], origin, &mut kept, &mut ()).expect("it is measured");
-        assert_eq!((lengths, report.complete), (vec![(3, false), (6, false)], true));
+        assert_eq!((lengths, report.complete), (vec![(0, false), (3, false), (6, false)], true));
     }
 
     #[test]

@@ -17,7 +17,8 @@ pub struct Wanted {
     pub sizes: Vec<Option<(u32, u32)>>,
 }
 
-/// Measures candidates on a scene, and adds them to a report. Calls `kept` after each measured size.
+/// Measures candidates on a scene, and adds them to a report. Calls `kept` before the first size, so that
+/// no earlier file is taken for this run's, and after each.
 ///
 /// # Errors
 /// The subject has no camera, the device fails, `kept` fails, or the listener cancels. A candidate that cannot be drawn
@@ -36,6 +37,7 @@ pub fn study<E: From<StudyError>>(
     let sizes: &[Option<(u32, u32)>] = if wanted.sizes.is_empty() { &[None] } else { &wanted.sizes };
     let of = counts.len() * sizes.len() * cameras.len();
     let mut steps = Steps::new(listener, format!("measuring {}", report.name_of(name)), of);
+    kept(report)?;
     for splats in counts {
         let row = |size, candidate: &Setting, found| {
             let (scene, pipeline) = (name.clone(), candidate.pipeline.clone());
@@ -98,7 +100,13 @@ mod tests {
             let (name, scene, cameras) = ("demo".to_owned(), scene.clone(), cameras.to_vec());
             let device = device.new_context()?;
             let subject = Subject { device, name, scene, cameras };
-            study(&subject, &wanted, &mut report, &mut |_| Ok::<(), StudyError>(()), &mut ())?;
+            let mut kept = Vec::new();
+            let mut keep = |report: &Report| {
+                kept.push(report.rows.len());
+                Ok::<(), StudyError>(())
+            };
+            study(&subject, &wanted, &mut report, &mut keep, &mut ())?;
+            assert_eq!(kept, [0, 1]);
             Ok(report.rows.into_iter().map(|row| (row.size, row.found.is_ok())).collect())
         };
         let sizes: Result<Vec<_>, StudyError> = study(&[Camera::framing(&scene, 32, 24)]);
