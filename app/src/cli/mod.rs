@@ -95,7 +95,8 @@ const EXIT_CODES: &str = "Exit codes:
   0        success
   1        a failure, a check that did not pass, or a result that lacks views
   2        an invalid command line; nothing was written
-  128 + N  ended by signal N";
+  128 + N  ended by signal N
+A failure can leave an earlier file of --json=FILE as it was: delete it before the command.";
 
 fn examples() -> String {
     let view = match cfg!(feature = "window") {
