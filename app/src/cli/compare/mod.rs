@@ -10,7 +10,7 @@ use crate::io::output::{OutputGuard, is_standard_output, one_line, say};
 use crate::io::report::text;
 use crate::studies::evaluation::{Mean, mean};
 use anyhow::{Context, Result, bail};
-use pairs::{Pair, Pictures};
+use pairs::{Named, Pair, Pictures};
 use serde::Serialize;
 use serde_json::{Value, json};
 use splatgraph_reference::metrics::flip::Seen;
@@ -21,8 +21,8 @@ use std::path::PathBuf;
 ///
 /// A and B are pictures (.png, .jpg, .exr, .npy, or ARCHIVE.npz#ARRAY), or folders of pictures. A .npz archive counts
 /// as a folder of arrays. Pictures of two folders are matched by name without extension, and the means over all
-/// pictures are printed. A picture without a partner is an error. A pair that cannot be compared does not stop the
-/// others: it is listed, there are no means, and the exit code is 1.
+/// pictures are printed. A picture without a partner, or a pair that cannot be compared, does not stop the others: it
+/// is listed, there are no means, and the exit code is 1.
 ///
 /// PSNR is 10 log10(1 / MSE) over all pixels and channels, of values clamped to 0..1. SSIM (Wang et al. 2004, Gaussian
 /// window of 11 x 11, sigma 1.5) is the mean over the channels. FLIP (Andersson et al. 2020) is the mean over the
@@ -133,6 +133,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 pub(super) struct Work {
     pairs: Vec<Pair>,
+    /// Pictures without a partner.
+    alone: Vec<Named>,
     /// True if the arguments are folders or archives.
     folders: bool,
     /// One file per pair for its differences; empty without `--diff`.
@@ -142,12 +144,14 @@ pub(super) struct Work {
 /// Finds the pictures to compare, and chooses the files of the differences.
 ///
 /// # Errors
-/// An argument does not exist, one is a picture and the other a folder, a picture has no partner, `--diff` is no
+/// An argument does not exist, one is a picture and the other a folder, no picture has a partner, `--diff` is no
 /// picture, or an output would overwrite a picture or another output.
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     let (a, b) = (Pictures::of(&args.a)?, Pictures::of(&args.b)?);
-    let (pairs, folders) = match (a, b) {
-        (Pictures::One(a), Pictures::One(b)) => (vec![Pair { name: a.display().to_string(), a, b }], false),
+    let ((pairs, alone), folders) = match (a, b) {
+        (Pictures::One(a), Pictures::One(b)) => {
+            ((vec![Pair { name: a.display().to_string(), a, b }], Vec::new()), false)
+        }
         (Pictures::Many(a), Pictures::Many(b)) => (pairs::pairs(args.by_number, a, b)?, true),
         _ => {
             let message = "expected two pictures or two folders, found one of each";
@@ -179,13 +183,14 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         Some(out) => vec![out.clone()],
     };
     let mut guard = OutputGuard::default();
-    for path in pairs.iter().flat_map(|pair| [&pair.a, &pair.b]) {
+    let unpaired = alone.iter().map(|(_, path)| path);
+    for path in pairs.iter().flat_map(|pair| [&pair.a, &pair.b]).chain(unpaired) {
         let file = split_member(path).map_or_else(|| path.clone(), |(archive, _)| archive);
         guard.input("a compared picture", &file).map_err(Usage::from)?;
     }
     diffs.iter().try_for_each(|path| guard.output("--diff", path)).map_err(Usage::from)?;
     args.json.iter().try_for_each(|path| guard.output("--json", path)).map_err(Usage::from)?;
-    Ok(Work { pairs, folders, diffs })
+    Ok(Work { pairs, alone, folders, diffs })
 }
 
 /// Facts of all pairs, for lines that are printed once.
@@ -217,9 +222,9 @@ impl Notes {
 }
 
 /// Compares the pictures, and writes the files of `--diff`. Returns the text to print, and the reasons to fail: a PSNR
-/// below `--min-psnr`, and pairs of folders that cannot be compared. Fails if no pair can be compared.
+/// below `--min-psnr`, and pictures of folders that cannot be compared. Fails if no pair can be compared.
 fn compare(args: &Args) -> Result<(String, Vec<String>)> {
-    let Work { pairs, folders, diffs } = prepare(args)?;
+    let Work { pairs, alone, folders, diffs } = prepare(args)?;
     let mut notes = Notes::default();
     let (mut drawn, mut found, mut missing) = (Vec::new(), Vec::new(), Vec::new());
     for (index, pair) in pairs.iter().enumerate() {
@@ -238,6 +243,10 @@ fn compare(args: &Args) -> Result<(String, Vec<String>)> {
             Err(error) => return Err(error),
         }
     }
+    for (name, path) in &alone {
+        say(format!("{} has no partner", path.display()));
+        missing.push(name);
+    }
     notes.tell();
 
     let worst = (0..found.len()).min_by(|&i, &j| found[i].psnr().total_cmp(&found[j].psnr()));
@@ -254,7 +263,8 @@ fn compare(args: &Args) -> Result<(String, Vec<String>)> {
         let name = one_line(&drawn[worst].name);
         format!("{name}: expected at least the {least} dB of --min-psnr, found {psnr:.4} dB")
     });
-    let incomplete = format!("{} of {} pairs cannot be compared", missing.len(), pairs.len());
+    let incomplete =
+        format!("{} of {} pictures cannot be compared", missing.len(), found.len() + missing.len());
     let failures = below.into_iter().chain((!missing.is_empty()).then_some(incomplete));
     Ok((text, failures.collect()))
 }
@@ -449,7 +459,7 @@ fn table(pairs: &[&Pair], found: &[Found], worst: usize, missing: usize) -> Stri
         + &format!("worst: {}, {}", one_line(&pairs[worst].name), sentence(&found[worst]))
 }
 
-/// Makes the JSON report. `missing` names the pairs of folders that cannot be compared; `None` without folders. An
+/// Makes the JSON report. `missing` names the pictures of folders that cannot be compared; `None` without folders. An
 /// infinite PSNR is the text `inf`.
 fn report(pairs: &[&Pair], found: &[Found], worst: usize, missing: Option<&Vec<&str>>) -> Value {
     let entry = |pair: &Pair, found: &Found| {

@@ -14,6 +14,9 @@ pub struct Pair {
     pub b: PathBuf,
 }
 
+/// The name and the file of a picture.
+pub type Named = (String, PathBuf);
+
 /// The pictures that argument A or B of the command names.
 pub enum Pictures {
     One(PathBuf),
@@ -63,39 +66,38 @@ impl Pictures {
 }
 
 /// Pairs the pictures of two folders or archives, by name or by the number at its end. Pictures without a number are
-/// then skipped and listed.
+/// then skipped and listed. Also returns the names and files of pictures without a partner.
 ///
 /// # Errors
-/// Pictures without a partner, which the error lists, or two pictures of a folder with the same number.
+/// No picture has a partner, or two pictures of a folder have the same number.
 pub fn pairs(
     by_number: bool,
     a: BTreeMap<String, PathBuf>,
     b: BTreeMap<String, PathBuf>,
-) -> Result<Vec<Pair>> {
+) -> Result<(Vec<Pair>, Vec<Named>)> {
     let (a, mut b) = if by_number { (numbered(a)?, numbered(b)?) } else { (plain(a), plain(b)) };
     let mut pairs = Vec::new();
     let mut alone = Vec::new();
     for (key, (name, a_path)) in a {
         match b.remove(&key) {
             Some((_, b_path)) => pairs.push(Pair { name, a: a_path, b: b_path }),
-            None => alone.push(a_path),
+            None => alone.push((name, a_path)),
         }
     }
-    alone.extend(b.into_values().map(|(_, path)| path));
-    if alone.is_empty() {
-        return Ok(pairs);
+    alone.extend(b.into_values());
+    if !pairs.is_empty() || alone.is_empty() {
+        return Ok((pairs, alone));
     }
-    let list: Vec<String> = alone.iter().map(|p| format!("\n  {}", p.display())).collect();
-    let hint = if pairs.is_empty() && !by_number {
-        "\nno two names match; --by-number matches by the number at the end"
-    } else {
-        ""
+    let list: Vec<String> = alone.iter().map(|(_, path)| format!("\n  {}", path.display())).collect();
+    let hint = match by_number {
+        true => "",
+        false => "\nno two names match; --by-number matches by the number at the end",
     };
     bail!("these pictures have no partner:{}{hint}", list.concat());
 }
 
 /// Names and files of one side, by the key that pairs them with the other side.
-type Keyed = BTreeMap<(u64, String), (String, PathBuf)>;
+type Keyed = BTreeMap<(u64, String), Named>;
 
 fn plain(pictures: BTreeMap<String, PathBuf>) -> Keyed {
     pictures.into_iter().map(|(stem, path)| ((0, stem.clone()), (stem, path))).collect()

@@ -146,7 +146,7 @@ fn a_pair_that_cannot_be_compared_does_not_stop_the_others_but_leaves_no_means()
     grey(f32::NAN).save(&a.join("x.npy")).unwrap();
     Image { width: 13, height: 12, rgb: vec![[0.5; 3]; 156] }.save(&b.join("z.npy")).unwrap();
     let (text, failures) = told(&a, &b, &[]).unwrap();
-    assert_eq!(failures, ["2 of 3 pairs cannot be compared"]);
+    assert_eq!(failures, ["2 of 3 pictures cannot be compared"]);
     let mean = text.lines().find(|line| line.starts_with("mean")).unwrap();
     assert!(mean.contains(" - ") && mean.ends_with("1 of 3 pictures"), "{text}");
     let json: Value = serde_json::from_str(&told(&a, &b, &["--json"]).unwrap().0).unwrap();
@@ -205,13 +205,17 @@ fn a_path_that_does_not_exist_is_named() {
 }
 
 #[test]
-fn pictures_without_a_partner_are_an_error_that_lists_them() {
-    let (_root, a, b) = folders(&[("x.npy", 0.5), ("y.npy", 0.5)], &[("x.npy", 0.5), ("z.npy", 0.5)]);
+fn pictures_without_a_partner_do_not_stop_the_others_unless_all_are() {
+    let (_root, a, b) = folders(&[("x.npy", 0.5), ("y.npy", 0.5)], &[("x.npy", 0.6), ("z.npy", 0.5)]);
+    let (json, failures) = told(&a, &b, &["--json", "--min-psnr", "60"]).unwrap();
+    let json: Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((&json["missing"], &json["mean"]["ssim"]), (&json!(["y", "z"]), &Value::Null));
+    assert!(failures[0].starts_with("x: ") && failures[1] == "2 of 3 pictures cannot be compared");
+    std::fs::remove_file(a.join("x.npy")).unwrap();
+    let message = compared(&a, &b, &["--by-number"]).unwrap_err().to_string();
+    assert!(message.contains("found none"), "{message}");
     let message = compared(&a, &b, &[]).unwrap_err().to_string();
-    assert!(
-        message.contains("y.npy") && message.contains("z.npy") && !message.contains("x.npy"),
-        "{message}"
-    );
+    assert!(message.contains("y.npy") && message.contains("z.npy"), "{message}");
 }
 
 #[test]
