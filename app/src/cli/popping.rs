@@ -24,11 +24,12 @@ use std::path::{Path, PathBuf};
 /// The exact renderer (`render --backend reference`) and each graph draw every frame of the path. From one frame to the
 /// next, both pictures change. The `pop` of a step is the mean absolute difference of the two changes over all pixels,
 /// which is the change of the error. It is 0 for a constant error, however large. The `excess` is the mean of the
-/// change beyond the true change, at most the pop. Both are computed from values clamped to 0..1.
+/// change beyond the true change, at most the pop. Both are computed from values clamped to 0..1. The change of a pixel
+/// is the mean of its channels' absolute changes, also for the worst pixel.
 ///
-/// The table lists the step in degrees of camera rotation, means over the steps, the pop per degree, the worst step,
-/// the worst pixel of any step, and the number of pairs of splats that change places per step, in the drawn order and
-/// in the true order. Compare pops of equal steps only. With a smaller step, an error that drifts with the surfaces
+/// The table lists the mean step in degrees of camera rotation, means over the steps, the pop per degree, the worst
+/// step, the worst pixel of any step, and the number of pairs of splats that change places per step, in the drawn order
+/// and in the true order. Compare pops of equal steps only. With a smaller step, an error that drifts with the surfaces
 /// falls in proportion. An error that jumps falls less, so the ranking of graphs may change. The exact renderer draws
 /// in the published order, whose pop is therefore 0 by definition, although it pops where the depths of two splats
 /// cross. Frames are drawn once and in sequence, so `stale_order` uses the order of the previous frame of the path.

@@ -24,7 +24,7 @@ pub struct Summary {
     pub worst_step: f64,
     /// Name of the camera at the end of the step with the largest pop.
     pub worst_camera: String,
-    /// The pixel with the largest change of the error in any step.
+    /// The pixel with the largest change of the error in any step, by the mean of its channels.
     pub worst: WorstPixel,
     /// Mean number of pairs of splats that swap places in a step; `None` without a readable order.
     pub order_changes: Option<f64>,
@@ -64,8 +64,8 @@ pub fn summary(track: &Track) -> Summary {
 
 /// Notes below the table.
 pub const NOTES: &str = "\
-pop: for steps of this many degrees. With another step, the ranking may change: an error that drifts shrinks with the step, \
-one that jumps shrinks less.
+pop: for steps of this many degrees (their mean). With another step, the ranking may change: an error that drifts \
+shrinks with the step, one that jumps shrinks less.
 per °: pop per degree of camera rotation. Compare only equal steps.
 0 by definition: the published order, in which the exact renderer also draws. It sorts by depth (fisheyes and \
 panoramas: by distance), and pops where two splats change places; these pops are not counted here.
@@ -147,8 +147,12 @@ pub fn plot(tracks: &[Track]) -> Plot {
     let line = |(names, pops): &(String, Vec<f64>)| {
         Series::line(names, pops.iter().enumerate().map(|(at, pop)| ((at + 1) as f64, *pop)))
     };
-    let degrees: Vec<f64> = tracks.iter().map(|track| summary(track).step_degrees).collect();
-    let of = degrees.first().map_or(String::new(), |step| format!(", steps of {}°", shown_degrees(*step)));
+    let degrees = || tracks.iter().flat_map(|track| &track.steps).map(|step| step.degrees);
+    let ends = degrees().min_by(f64::total_cmp).zip(degrees().max_by(f64::total_cmp));
+    let of = ends.map_or(String::new(), |(least, most)| match [least, most].map(shown_degrees) {
+        [least, most] if least == most => format!(", steps of {most}°"),
+        [least, most] => format!(", steps of {least}° to {most}°"),
+    });
     Plot {
         bars: Vec::new(),
         title: format!("Change of the error from frame to frame{of}"),
@@ -211,8 +215,13 @@ mod tests {
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 3, "{text}");
         assert!(lines[2].starts_with("\"a \"\"b\"\"\",2,\"y\",0.25,0.3,0.15,0.6,3,4,0.5,0.25,4,2"), "{text}");
-        let series = plot(&[track(), track()]).series;
-        assert_eq!((series.len(), series[0].points.len()), (1, 2));
-        assert_eq!(series[0].name, "a \"b\", a \"b\"");
+        let plotted = plot(&[track(), track()]);
+        assert_eq!((plotted.series.len(), plotted.series[0].points.len()), (1, 2));
+        assert_eq!(plotted.series[0].name, "a \"b\", a \"b\"");
+        assert!(plotted.title.ends_with(", steps of 0.25°"), "{}", plotted.title);
+        let mut uneven = track();
+        uneven.steps[1].degrees = 80.0;
+        let title = plot(&[uneven]).title;
+        assert!(title.ends_with(", steps of 0.25° to 80°"), "{title}");
     }
 }
