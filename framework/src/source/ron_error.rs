@@ -227,6 +227,9 @@ impl Translator<'_> {
                 text.value
             )),
             _ if variants.is_empty() => error,
+            (Content::Record { bracket: '{', .. }, _) if variants.contains(&"Graph") => error.with_help(
+                "a graph begins with `Graph(`, `Preset(` or `Choice(`; JSON, such as a plan that `dump` wrote, is no graph",
+            ),
             _ => error.with_help(format!("the names here are {}", variants.join(", "))),
         }
     }
