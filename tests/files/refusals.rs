@@ -75,6 +75,7 @@ fn no_output_goes_over_an_input_or_over_another_output() {
     ] {
         refused(&place, args, why);
     }
+    place.refuses("info scene.ply --json", &[("--json=new.json", 2, "cannot be used multiple times")]);
 }
 
 #[test]

@@ -302,7 +302,9 @@ pub fn claim_json<'a>(
 /// Some scenes are JSON files, too: such a word stays a scene.
 pub fn refuse_json_apart(arguments: &[OsString]) -> Result<(), Usage> {
     let before_end = arguments.iter().take_while(|word| *word != "--");
-    for (option, word) in before_end.zip(arguments.iter().skip(1)).filter(|(option, _)| *option == "--json") {
+    let is_option = |word: &OsString| word.as_encoded_bytes().starts_with(b"--");
+    let pairs = before_end.zip(arguments.iter().skip(1));
+    for (option, word) in pairs.filter(|(option, word)| *option == "--json" && !is_option(word)) {
         let (option, path) = (option.display(), Path::new(word));
         if is_standard_output(path) {
             return Err(Usage(format!(
