@@ -7,7 +7,9 @@ use super::scope::{check_identifier, describe, is_identifier};
 use crate::expr::Scope;
 use crate::ir::{Catalog, Format, HostBuffer, ParamSet, ResourceId, Shape, Source, Span, Usage, Value};
 use crate::plan::Resource;
-use crate::schema::{Expression, Import, Part, Port, Reference, ResourceDecl, ResourceName, is_choice};
+use crate::schema::{
+    Expression, Import, Part, PassDecl, Port, Reference, ResourceDecl, ResourceName, is_choice,
+};
 use crate::source::{Diagnostic, Place, nearest};
 
 impl Lowering<'_> {
@@ -365,7 +367,20 @@ impl Lowering<'_> {
             let last = name.rsplit('.').next().unwrap_or(name);
             return error.with_help(format!("import it: `imports: {{ \"{last}\": (from: \"{name}\") }}`"));
         }
-        let Some((include, _)) = name.split_once('.').filter(|_| nearest(name, names()).is_none()) else {
+        let include = name.split_once('.').map(|(include, _)| include);
+        let here = self.lowered.includes.iter().filter(|known| known.parent == level.include);
+        let includes: Vec<&str> = here.filter_map(|known| known.name.strip_prefix(&level.prefix)).collect();
+        let is_below =
+            |pass: &PassDecl| matches!(pass, PassDecl::Include { name, .. } if include == Some(name));
+        if let Some(include) = include.filter(|include| !includes.contains(include))
+            && let Some(below) = level.graph.passes.iter().position(is_below)
+        {
+            let span = level.root.field("passes").index(below).field("name").span();
+            return error
+                .with_label(span, format!("the include `{include}` is here"))
+                .with_help("passes below an include can use its resources: move it up");
+        }
+        let Some(include) = include.filter(|_| nearest(name, names()).is_none()) else {
             return error.with_nearest(name, names(), "");
         };
         let of = |include: &str| {
@@ -373,8 +388,6 @@ impl Lowering<'_> {
             let own = names().filter(|name| name.starts_with(&prefix)).map(|name| format!("`{name}`"));
             own.collect::<Vec<_>>().join(", ")
         };
-        let here = self.lowered.includes.iter().filter(|known| known.parent == level.include);
-        let includes: Vec<&str> = here.filter_map(|known| known.name.strip_prefix(&level.prefix)).collect();
         let near = if includes.contains(&include) { Some(include) } else { nearest(include, includes) };
         match near {
             None => error,
