@@ -53,7 +53,10 @@ impl Linker<'_> {
                             "`{last}` is `{name}` before the first write of a frame; write another buffer, and copy it \
                              to `{name}` in a later pass"
                         )),
-                        None => diagnostic,
+                        None => diagnostic.with_help(
+                            "bind it once, to a block or an image without `readonly` and `writeonly`, or write another \
+                             resource"
+                        ),
                     });
                 }
             }

@@ -158,6 +158,10 @@ impl Translator<'_> {
             None => "no such name".to_string(),
         };
         let help = match expected {
+            _ if SYNCHRONIZATION.contains(&found.to_lowercase().as_str()) => {
+                "order and barriers follow from what the shaders read and write: `splatgraph dump` shows them"
+                    .into()
+            }
             [] => format!("there are no {what} here"),
             [only] => format!("the only one is `{only}`"),
             _ => format!("the {what} are {}", expected.join(", ")),
@@ -323,6 +327,10 @@ impl Translator<'_> {
         self.outline.innermost(before.len()).shallow()
     }
 }
+
+/// Names, in lower case, with which other programs order passes by hand.
+const SYNCHRONIZATION: [&str; 7] =
+    ["barrier", "after", "before", "depends_on", "dependencies", "reads", "writes"];
 
 fn is_name(text: &str) -> bool {
     text.starts_with(char::is_alphabetic) && text.chars().all(|c| c.is_alphanumeric() || c == '_')
