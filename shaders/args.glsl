@@ -8,6 +8,8 @@
 //
 // The buffer `pair_args` of tile_bins.ron has words 0 to 6 for pairs of a splat and a bin: in word 3 the pairs to sort, in words 4 to 6 the
 // workgroups of the pass over them.
+#ifndef ARGS_GLSL
+#define ARGS_GLSL
 const uint ARGS_SORT_GROUPS = 0u;
 const uint ARGS_VISIBLE = 3u;
 const uint ARGS_DRAW = 4u;
@@ -24,3 +26,4 @@ const uint COUNTS_VISIBLE = 0u;
 const uint COUNTS_DRAWN = 1u;
 const uint COUNTS_NEEDED = 2u;
 const uint COUNTS_TIED = 3u;
+#endif

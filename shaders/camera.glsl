@@ -1,5 +1,7 @@
 // The camera of a frame, 256 bytes from the host. The conventions are those of the reference rasteriser: camera space
 // has x to the right, y down and z forward; pixel centres are at integers.
+#ifndef CAMERA_GLSL
+#define CAMERA_GLSL
 layout(set = 0, binding = 30, std140) uniform Camera {
     mat4 view;        // world to camera, column-major
     vec4 position;    // the camera's centre in world space, rounded to f32; w unused
@@ -17,3 +19,4 @@ layout(set = 0, binding = 30, std140) uniform Camera {
     vec4 view_origin; // from the camera to `origin`, in camera space
     vec4 principal;   // the principal point from the middle of the picture: in pixels, and over the focal lengths
 } camera;
+#endif
