@@ -194,6 +194,47 @@ fn an_unknown_graph_is_shown_with_the_nearest_name_and_where_it_was_looked_for()
 }
 
 #[test]
+fn a_filter_may_give_live_parameters_names_of_built_in_shaders_and_include_a_header_twice() {
+    let place = Place::demo(300);
+    place.write(
+        "filter.ron",
+        r#"Graph(
+            version: 1, summary: "", output: "to",
+            params: {
+                "opacity": Live(Float(default: 1.0, range: (0.0, 1.0))),
+                "picture": Live(Float(default: 1.0, range: (0.0, 1.0))),
+                "turn": Live(Float(default: 1.0, range: (0.0, 1.0))),
+            },
+            resources: { "to": Image(format: "rgba32f", size: ("viewport.width", "viewport.height")) },
+            passes: [
+                Include(graph: "auto", name: "scene", expose: All),
+                Dispatch(name: "fade", shader: "fade.comp", size: Threads("viewport.width", "viewport.height"),
+                    bind: { "from": "scene.picture", "to": "to" }),
+            ],
+        )"#,
+    );
+    let headers = ["live", "camera", "groups", "splat", "args"];
+    let includes =
+        headers.map(|name| format!("#include \"{name}.glsl\"\n#include \"{name}.glsl\"\n")).concat();
+    let begin = "#version 460\n#extension GL_GOOGLE_include_directive : require\n";
+    let end = "layout(local_size_x = 8, local_size_y = 8) in;
+        layout(set = 0, binding = 0, rgba32f) readonly uniform image2D from;
+        layout(set = 0, binding = 1, rgba32f) writeonly uniform image2D to;
+        void main() {
+            ivec2 at = ivec2(gl_GlobalInvocationID.xy);
+            imageStore(to, at, imageLoad(from, at) * opacity * picture * turn);
+        }";
+    place.write("fade.comp", format!("{begin}{includes}{end}"));
+    for graph in ["filter.ron", "auto"] {
+        place.done(&format!(
+            "render scene.ply -c cameras.json#0 --size 64x48 --set stop=0.1 -p {graph} -o {graph}.npy"
+        ));
+    }
+    // The parameters of `auto` are in other places of the block, and its passes read the same values.
+    assert!(place.bytes("filter.ron.npy") == place.bytes("auto.npy"));
+}
+
+#[test]
 fn a_shader_includes_no_file_of_the_system() {
     let place = changed(&[("make.comp", "\"hash.glsl\"", "\"/etc/passwd\"")]);
     let refused = place.fails("check graph.ron", 1);

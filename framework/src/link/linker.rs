@@ -52,8 +52,7 @@ pub(super) const MAX_COMPILATIONS: usize = 500;
 
 pub(super) type Defines = Vec<(String, String)>;
 
-/// Adds the text of `live.glsl`, which shaders include, to the files. Builds that share the files add an equal text
-/// once.
+/// Adds the text of `live.glsl`, which shaders include, to the files. An equal text is added once.
 pub(super) fn generated(files: &mut SourceMap, live_glsl: &str) -> Vec<(String, FileId)> {
     let name = "live.glsl".to_string();
     let path = format!("{name} (generated)");
@@ -67,16 +66,14 @@ pub(super) struct Linker<'a> {
     pub device: DeviceFacts,
     pub files: &'a mut SourceMap,
     pub compiler: &'a mut dyn ShaderCompiler,
-    /// Generated files, as [`ShaderRequest`](crate::shader::ShaderRequest) names them.
-    pub generated: Vec<(String, FileId)>,
     pub shaders: Vec<Shader>,
     /// Names of the blocks that each shader declares, used or not.
     pub declared: HashMap<ShaderId, Arc<BTreeSet<String>>>,
     /// Identifiers that each shader's compiled text depends on.
     pub reached: HashMap<ShaderId, Arc<BTreeSet<String>>>,
-    /// Shaders compiled so far, by file and defines; the iterations of a repeat share them. `None` after errors: a shader
-    /// that crashes the compiler crashes it only once.
-    pub compiled: HashMap<(FileId, Rc<Defines>), Option<ShaderId>>,
+    /// Shaders compiled so far, by file, defines and `live.glsl`; the iterations of a repeat share them. `None` after
+    /// errors: a shader that crashes the compiler crashes it only once.
+    pub compiled: HashMap<(FileId, Rc<Defines>, Rc<str>), Option<ShaderId>>,
     /// Shader files found so far, by the graph that names them and the name in that graph.
     pub found: HashMap<(FileId, String), FileId>,
     pub errors: Vec<Diagnostic>,

@@ -35,7 +35,6 @@ pub fn link(
     count_compilations(&lowered.passes)?;
     let mut linker = Linker {
         device: request.facts.device,
-        generated: linker::generated(files, &lowered.live_glsl),
         shaders: Vec::new(),
         declared: HashMap::new(),
         reached: HashMap::new(),

@@ -3,9 +3,9 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use super::linker::{Linker, MAX_COMPILATIONS};
+use super::linker::{Linker, MAX_COMPILATIONS, generated};
 use crate::ir::{DeviceFacts, Features, Groups, Reflection, Shader, ShaderId, ShaderStage, Span};
-use crate::lower::{Extent, LoweredPass, LoweredSize, ShaderName};
+use crate::lower::{Extent, Lowered, LoweredPass, LoweredSize, ShaderName};
 use crate::shader::{Compiled, ShaderRequest};
 use crate::source::{Diagnostic, Kind};
 
@@ -28,6 +28,22 @@ pub(super) fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagn
     Err(vec![
         diagnostic.with_help("pass values that differ between passes as push constants, not as defines"),
     ])
+}
+
+/// Explains an undeclared name that is a live parameter of another graph; `live.glsl` has those of the pass's own.
+fn of_another_graph(lowered: &Lowered, error: Diagnostic) -> Diagnostic {
+    let unknown =
+        error.message.strip_prefix('`').and_then(|rest| rest.strip_suffix("`: undeclared identifier"));
+    match unknown.filter(|name| error.help.is_empty() && lowered.live_params.contains_key(*name)) {
+        Some(name) => {
+            let help = format!(
+                "`{name}` is a live parameter of another graph: shaders have those that the graph of their pass \
+                 declares or exposes"
+            );
+            error.with_help(help)
+        }
+        None => error,
+    }
 }
 
 impl Linker<'_> {
@@ -59,17 +75,13 @@ impl Linker<'_> {
             }
         };
         self.found.insert((pass.file, name.name.clone()), file);
-        let key = (file, pass.defines.clone());
+        let key = (file, pass.defines.clone(), pass.live_glsl.clone());
         if let Some(known) = self.compiled.get(&key) {
             return *known;
         }
-        let request = ShaderRequest {
-            file,
-            stage,
-            defines: &pass.defines,
-            unfit: &pass.unfit,
-            generated: &self.generated,
-        };
+        let generated = generated(self.files, &pass.live_glsl);
+        let (defines, unfit, generated) = (&pass.defines, &pass.unfit, &generated);
+        let request = ShaderRequest { file, stage, defines, unfit, generated };
         let id = match self.compiler.compile(self.files, &request) {
             Ok(Compiled { spirv, defines, reached, reflection, declared }) => {
                 let shader = Shader { name: name.name.clone(), defines, spirv, reflection, msl: None };
@@ -88,7 +100,8 @@ impl Linker<'_> {
                 Some(id)
             }
             Err(errors) => {
-                self.errors.extend(errors);
+                let lowered = self.lowered;
+                self.errors.extend(errors.into_iter().map(|error| of_another_graph(lowered, error)));
                 None
             }
         };

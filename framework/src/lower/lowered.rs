@@ -39,8 +39,6 @@ pub struct Lowered {
     pub output_span: Span,
     /// Places of the plan's statistics in the file, in the same order.
     pub stat_spans: Vec<Span>,
-    /// The text of the generated include `live.glsl`.
-    pub live_glsl: String,
     /// The uniform block of the live parameters.
     pub live: ResourceId,
     /// For each live parameter, the parameter itself and those that its value depends on.
@@ -170,6 +168,8 @@ pub struct LoweredPass {
     pub defines: Rc<Vec<(String, String)>>,
     /// Names (in capitals) and values of constants beyond 32 bits.
     pub unfit: Rc<Vec<(String, String)>>,
+    /// The text of the generated include `live.glsl`.
+    pub live_glsl: Rc<str>,
     /// Parameters that decide whether the pass exists, and which resources and shaders it uses.
     pub decided: ParamSet,
     /// Parameters that the pass's numbers depend on: size, push constants, offsets, fill word.

@@ -8,6 +8,7 @@ use super::declared::{Exposed, Known};
 use super::defines::{Constants, capital, defines, option_define};
 use super::document::Opened;
 use super::lowered::{Lowered, SkippedUse};
+use super::params::live_glsl;
 use super::require::{Choices, Chosen};
 use super::reserved::is_macro;
 use super::scope::Names;
@@ -77,6 +78,7 @@ pub(super) struct Level {
     pub around: ParamSet,
     pub defines: Rc<Vec<(String, String)>>,
     pub unfit: Rc<Vec<(String, String)>>,
+    pub live_glsl: Rc<str>,
     /// Parameters that each constant depends on; see [`LoweredPass::constants`].
     pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
@@ -298,6 +300,7 @@ impl<'a> Lowering<'a> {
                 self.errors.push(error.with_help(RENAME));
             }
         }
+        let live_glsl = live_glsl(&params).into();
         Level {
             file: opened.file,
             graph: opened.graph.clone(),
@@ -315,6 +318,7 @@ impl<'a> Lowering<'a> {
             around: ParamSet::new(),
             defines: Rc::new(defines),
             unfit: Rc::new(unfit),
+            live_glsl,
             constants: Rc::new(constants),
         }
     }

@@ -81,7 +81,6 @@ pub fn lower_candidate(
     let Resolved { params, names, skipped, live_bytes, live: live_params, .. } = resolved;
     let root = &chosen.opened;
     let lowered = Lowered {
-        live_glsl: params::live_glsl(&params),
         plan: Plan {
             name: request.graph.into(),
             summary: folded(&root.summary),

@@ -496,28 +496,27 @@ pub(super) fn included(
     Ok((param, params))
 }
 
-/// Generates `live.glsl`: one uniform block with the live parameters, in order; only a comment if there are none.
+/// Generates `live.glsl` for a graph: the block of live parameters with those of `params`; only a comment if there are
+/// none. The other graphs' parameters have no names here, which could be names in the graph's shaders.
 pub(super) fn live_glsl(params: &[Param]) -> String {
-    let members: Vec<String> = params
-        .iter()
-        .filter(|p| p.binding != ParamBinding::Const)
-        .map(|p| {
-            let kind = match p.domain {
-                Domain::Float { .. } => "float",
-                Domain::Int { .. } => "int",
-                // A bool is 0 or 1, a choice is the index of its name.
-                Domain::Bool | Domain::Choice(_) => "uint",
-            };
-            format!("    {kind} {};\n", p.name)
-        })
-        .collect();
+    let member = |param: &Param| {
+        let ParamBinding::Live { offset } = param.binding else { return None };
+        let kind = match param.domain {
+            Domain::Float { .. } => "float",
+            Domain::Int { .. } => "int",
+            // A bool is 0 or 1, a choice is the index of its name.
+            Domain::Bool | Domain::Choice(_) => "uint",
+        };
+        Some((offset, format!("    layout(offset = {offset}) {kind} {};\n", param.name)))
+    };
+    // GLSL requires ascending offsets.
+    let members: BTreeMap<u32, String> = params.iter().filter_map(member).collect();
     if members.is_empty() {
         return "// This graph has no live parameters.\n".into();
     }
+    let members: String = members.into_values().collect();
     format!(
-        "// Generated: the live parameters.\nlayout(set = 0, binding = {}, std140) uniform {} {{\n{}}};\n",
-        LIVE_BINDING,
-        LIVE_BLOCK,
-        members.concat()
+        "// Generated: the live parameters.\n#ifndef LIVE_GLSL\n#define LIVE_GLSL\n\
+         layout(set = 0, binding = {LIVE_BINDING}, std140) uniform {LIVE_BLOCK} {{\n{members}}};\n#endif\n",
     )
 }

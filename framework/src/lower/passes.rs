@@ -375,6 +375,7 @@ impl Lowering<'_> {
             push: pushes,
             defines: level.defines.clone(),
             unfit: level.unfit.clone(),
+            live_glsl: level.live_glsl.clone(),
             decided,
             read,
             constants: level.constants.clone(),

@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use super::generate::{IncludeFailure, IncludeProblem, MAX_DEPTH, MAX_INCLUDED_BYTES};
 use super::scan::{Token, TokenKind, lex};
-use super::sources::Sources;
+use super::sources::{Sources, live_params};
 use crate::ir::{FileId, Span};
 use crate::shader::compiler::ShaderRequest;
 use crate::source::{Diagnostic, SourceMap, nearest};
@@ -18,6 +18,13 @@ pub(super) const MAX_DIAGNOSTICS: usize = 10;
 
 /// Message of glslang for an overflow of its parser's stack.
 const PARSER_FULL: &str = "memory exhausted";
+
+/// Messages of glslang for a second declaration of a name.
+const SECOND: [&str; 3] = ["redefinition", "function already has a body", "Cannot reuse block name"];
+/// The end of glslang's message for a member of a block without a name, such as that of the live parameters.
+const MEMBER_TAKEN: &str = "already has a name at global scope";
+/// The start of glslang's message for a call of a variable.
+const NO_FUNCTION: &str = "function call, method";
 
 /// Converts a log to 1 to [`MAX_DIAGNOSTICS`] diagnostics. Keeps only the first error of each source line.
 pub(super) fn diagnose(
@@ -184,8 +191,8 @@ impl Entry<'_> {
         if let Some(syntax) = syntax {
             let diagnostic = Diagnostic::new(syntax.message(found), span, syntax.label());
             // A `;` can be missing before the `#include`, in another file.
-            let include = (first_code(text) == Some(span.start)).then(|| sources.include_of(unit)).flatten();
-            return match include {
+            let mut includes = sources.includes_of(unit).into_iter();
+            return match includes.next().filter(|_| first_code(text) == Some(span.start)) {
                 Some((includer, place)) => {
                     let span = sources.span(includer, place);
                     diagnostic.with_label(span, "included here: is the code before it complete?")
@@ -194,7 +201,7 @@ impl Entry<'_> {
             };
         }
         let line = line_range(text, place.line);
-        if let Some(diagnostic) = self.float_in_condition(request, (span.file, text), line) {
+        if let Some(diagnostic) = self.float_in_condition(request, (span.file, text), line.clone()) {
             return diagnostic;
         }
         let message = match self.token {
@@ -225,11 +232,48 @@ impl Entry<'_> {
             None => None,
         };
         let diagnostic = Diagnostic::new(message, span, label.unwrap_or_default());
+        if let Some((name, place)) = self.live_clash(files, request, sources, (span, &text[line])) {
+            let error = diagnostic
+                .with_help(format!("`{name}` is also a live parameter of the graph: rename one of them"));
+            return if place == span { error } else { error.with_label(place, "declared here, too") };
+        }
+        if self.is_second() {
+            return sources.with_second_include(diagnostic, unit, files);
+        }
         let lacks = self.message.strip_prefix("required extension not requested: ");
         let lacked = lacks.and_then(|lacks| lacks.split_whitespace().find(|word| word.starts_with("GL_")));
         let extension = lacked.map(|name| format!("add `#extension {name} : require` below `#version`"));
         let help = extension.or_else(|| self.hint().map(String::from));
         help.into_iter().fold(diagnostic, Diagnostic::with_help)
+    }
+
+    fn is_second(&self) -> bool {
+        SECOND.iter().any(|second| self.message.starts_with(second))
+    }
+
+    /// Finds the live parameter that caused an error because something else has its name, and the place of that.
+    fn live_clash<'f>(
+        &self,
+        files: &'f SourceMap,
+        request: &ShaderRequest,
+        sources: &Sources,
+        (span, line): (Span, &str),
+    ) -> Option<(&'f str, Span)> {
+        let (live, members) = live_params(files, request)?;
+        if self.message.starts_with(NO_FUNCTION) {
+            let called = |word: Token| members.iter().find(|name| **name == word.of(line));
+            return lex(line).into_iter().find_map(called).map(|name| (*name, span));
+        }
+        let is_member = self.message.ends_with(MEMBER_TAKEN);
+        // The members are in the braces after the block's name.
+        let text = files.text(span.file);
+        let block = span.start..text[span.start..].find('}').map_or(text.len(), |end| span.start + end);
+        let is_cause = |(name, place): &(&str, Span)| match () {
+            () if is_member && span.file == live => true,
+            () if is_member => place.file == span.file && block.contains(&place.start),
+            () => self.is_second() && self.token == Some(*name),
+        };
+        sources.declarations(&members, live).into_iter().find(is_cause)
     }
 
     /// Returns the error for a constant of the graph with a fraction in an `#if`; `None` for all other errors. `line`

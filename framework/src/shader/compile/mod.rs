@@ -125,15 +125,37 @@ impl ShaderCompiler for Glslang {
         let _span = info_span!("prepare a shader", shader = files.path(request.file)).entered();
         let sources =
             info_span!("read GLSL").in_scope(|| Sources::gather(files, request, &mut self.scans))?;
+        let compiled = self.compile_sources(files, request, &sources);
+        compiled.map_err(|errors| errors.into_iter().map(|error| sources.with_include(error)).collect())
+    }
+
+    fn identifiers(&mut self, files: &mut SourceMap, request: &ShaderRequest) -> BTreeSet<String> {
+        let sources = Sources::gather(files, request, &mut self.scans);
+        let names = sources.map(|sources| sources.identifiers().into_iter().map(str::to_owned).collect());
+        names.unwrap_or_default()
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.cancel.is_requested()
+    }
+}
+
+impl Glslang {
+    fn compile_sources(
+        &mut self,
+        files: &SourceMap,
+        request: &ShaderRequest,
+        sources: &Sources,
+    ) -> Result<Compiled, Vec<Diagnostic>> {
         if let Some(diagnostic) = sources.too_large(request) {
             return Err(vec![diagnostic]);
         }
         let defines = request.defines.iter().filter(|(name, _)| sources.mentions(name));
         let defines: Vec<(String, String)> = defines.cloned().collect();
-        let own = OwnKey::of(request.stage, &defines, &sources);
+        let own = OwnKey::of(request.stage, &defines, sources);
         match self.cache.get(&own) {
             Some(Ok(compiled)) => return Ok(compiled.clone()),
-            Some(Err(failure)) => return Err(failure.diagnose(files, request, &sources)),
+            Some(Err(failure)) => return Err(failure.diagnose(files, request, sources)),
             None => {}
         }
         let includes = sources.units.iter().map(|u| {
@@ -158,7 +180,7 @@ impl ShaderCompiler for Glslang {
         let spirv = match self.stored_or_generated(&key) {
             Ok(spirv) => spirv,
             Err(failure) => {
-                let diagnostics = failure.diagnose(files, request, &sources);
+                let diagnostics = failure.diagnose(files, request, sources);
                 // Reaching a limit takes seconds, so failures are cached too.
                 if failure.is_lasting() {
                     self.remember(own, Err(failure));
@@ -177,16 +199,6 @@ impl ShaderCompiler for Glslang {
             Compiled { spirv: Arc::new(spirv), defines: key.defines, reached, reflection, declared };
         self.remember(own, Ok(compiled.clone()));
         Ok(compiled)
-    }
-
-    fn identifiers(&mut self, files: &mut SourceMap, request: &ShaderRequest) -> BTreeSet<String> {
-        let sources = Sources::gather(files, request, &mut self.scans);
-        let names = sources.map(|sources| sources.identifiers().into_iter().map(str::to_owned).collect());
-        names.unwrap_or_default()
-    }
-
-    fn is_cancelled(&self) -> bool {
-        self.cancel.is_requested()
     }
 }
 

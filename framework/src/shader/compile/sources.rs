@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::reached::{self, Reached};
-use super::scan::{self, Scan, Scanned, Scans};
+use super::scan::{self, Scan, Scanned, Scans, TokenKind};
 use crate::ir::{FileId, Span};
 use crate::shader::compiler::ShaderRequest;
 use crate::source::{Diagnostic, Kind, NotFound, SourceMap, nearest};
@@ -185,17 +185,13 @@ impl Sources {
 
     /// Explains an undeclared name that refers to a live parameter, which only `live.glsl` declares; `None` for others.
     pub fn live_help(&self, files: &SourceMap, request: &ShaderRequest, name: &str) -> Option<String> {
-        let (file, generated) = request.generated.iter().find(|(file, _)| file == "live.glsl")?;
-        // Each member is a line such as `    float gain;`.
-        let lines = files.text(*generated).lines();
-        let mut members =
-            lines.filter_map(|line| line.strip_prefix("    ")?.strip_suffix(';')?.split(' ').nth(1));
-        let member = members.find(|member| {
+        let (generated, members) = live_params(files, request)?;
+        let member = members.into_iter().find(|member| {
             let option = name.strip_prefix(member.to_uppercase().as_str());
             *member == name || option.is_some_and(|rest| rest.is_empty() || rest.starts_with('_'))
         })?;
-        let include = format!("`#include \"{file}\"` declares it");
-        let is_included = self.units.iter().any(|unit| unit.file == *generated);
+        let include = "`#include \"live.glsl\"` declares it";
+        let is_included = self.units.iter().any(|unit| unit.file == generated);
         Some(match member == name {
             true => format!("`{name}` is a live parameter: {include}"),
             false if is_included => format!(
@@ -238,13 +234,73 @@ impl Sources {
         self.first_line()
     }
 
-    /// Finds the first `#include` of a unit: the including unit, and the place of the name in it. `None` if no unit
-    /// includes it, as for the shader itself.
-    pub fn include_of(&self, unit: usize) -> Option<(usize, Range<usize>)> {
-        self.units.iter().enumerate().find_map(|(includer, other)| {
-            let include = other.includes.values().find(|include| include.target.as_ref() == Ok(&unit))?;
-            Some((includer, include.place.clone()))
-        })
+    /// Lists every `#include` of a unit: the including unit, and the place of the name in it. The first is in a unit
+    /// before this one; the shader itself has none.
+    pub fn includes_of(&self, unit: usize) -> Vec<(usize, Range<usize>)> {
+        let of = |(includer, other): (usize, &Unit)| {
+            let targets = |name| other.includes.get(name).is_some_and(|include| include.target == Ok(unit));
+            let all = other.scan.includes.iter().filter(|(name, _)| targets(name));
+            all.map(|(_, place)| (includer, place.clone())).collect::<Vec<_>>()
+        };
+        self.units.iter().enumerate().flat_map(of).collect()
+    }
+
+    /// Adds to an error in an included file where the shader includes it: in other shaders, the file may be right.
+    pub fn with_include(&self, error: Diagnostic) -> Diagnostic {
+        let [shader, file] = [self.units[0].file, error.primary.span.file];
+        let mut unit = self.units.iter().position(|unit| unit.file == file).unwrap_or(0);
+        let mut place = None;
+        while unit > 0 {
+            let Some((includer, at)) = self.includes_of(unit).into_iter().next() else { return error };
+            (unit, place) = (includer, Some(at));
+        }
+        match place.filter(|_| error.secondary.iter().all(|label| label.span.file != shader)) {
+            Some(place) => error.with_label(Span::new(shader, place), "included here"),
+            None => error,
+        }
+    }
+
+    /// Explains an error about a second declaration in a unit: the unit, or one that includes it, is included twice.
+    pub fn with_second_include(&self, error: Diagnostic, mut unit: usize, files: &SourceMap) -> Diagnostic {
+        while unit > 0 {
+            let includes = self.includes_of(unit);
+            if let [first, second, ..] = &includes[..] {
+                let [first, second] = [first, second].map(|(unit, at)| self.span(*unit, at.clone()));
+                let name = files.path(self.units[unit].file);
+                return error
+                    .with_label(first, "included here")
+                    .with_label(second, "and again here")
+                    .with_help(format!(
+                        "`{name}` is included twice: remove one `#include`, or add an include guard (`#ifndef`, `#define`, `#endif`)"
+                    ));
+            }
+            unit = includes.first().map_or(0, |(includer, _)| *includer);
+        }
+        error
+    }
+
+    /// Lists the declarations of `names` outside of the file `except`, outermost first.
+    pub fn declarations<'n>(&self, names: &[&'n str], except: FileId) -> Vec<(&'n str, Span)> {
+        let mut found = Vec::new();
+        for unit in self.units.iter().filter(|unit| unit.file != except) {
+            // A declaration has a type before the name, or the end of a block.
+            let (mut depth, mut is_after_type) = (0, false);
+            for token in scan::lex(&unit.text) {
+                let text = token.of(&unit.text);
+                if let Some(name) = names.iter().find(|name| is_after_type && **name == text) {
+                    found.push((depth, (*name, Span::new(unit.file, token.range()))));
+                }
+                match text {
+                    "{" | "(" => depth += 1,
+                    "}" | ")" => depth -= 1,
+                    _ => {}
+                }
+                let is_word = token.kind == TokenKind::Identifier && !["return", "else"].contains(&text);
+                is_after_type = is_word || text == "}";
+            }
+        }
+        found.sort_by_key(|(depth, _)| *depth);
+        found.into_iter().map(|(_, found)| found).collect()
     }
 
     pub fn first_line(&self) -> Span {
@@ -254,6 +310,17 @@ impl Sources {
     pub fn span(&self, unit: usize, place: Range<usize>) -> Span {
         Span::new(self.units[unit].file, place)
     }
+}
+
+/// Returns the generated `live.glsl`, and the names of its members; `None` if there is none.
+pub(super) fn live_params<'f>(
+    files: &'f SourceMap,
+    request: &ShaderRequest,
+) -> Option<(FileId, Vec<&'f str>)> {
+    let (_, generated) = request.generated.iter().find(|(file, _)| file == "live.glsl")?;
+    // Each member is an indented line that ends with its name, such as `    layout(offset = 0) float gain;`.
+    let member = |line: &'f str| line.strip_prefix("    ")?.strip_suffix(';')?.rsplit(' ').next();
+    Some((*generated, files.text(*generated).lines().filter_map(member).collect()))
 }
 
 fn first_line(text: &str) -> Range<usize> {
