@@ -142,8 +142,9 @@ fn losses_are_listed_for_each_scene_and_may_be_refused() {
     place.write("owned.ply", replaced("element vertex 300", owned));
     place.write("short.ply", replaced("element vertex 300", "element vertex 100"));
     let words = "comments: `Copyright ACME 2026`, `by Jane`\n";
-    assert!(place.done("convert owned.ply out.ply").contains(&format!("  lost: {words}")));
-    assert!(place.done("info owned.ply").contains("    Copyright ACME 2026\n"));
+    let kept = place.done("convert owned.ply kept.ply --strict --transform rotate:1,0,0,90 --order morton");
+    assert!(!kept.contains("comments"), "{kept}");
+    assert!(place.done("info kept.ply").contains("    Copyright ACME 2026\n    by Jane\n"));
     let (told, errors) = place.said("convert short.ply out.ply --merge owned.ply");
     // Rows of degree 3 have 62 floats.
     let after = "49,600 bytes after the last row that the header declares\n";
@@ -169,6 +170,7 @@ fn losses_are_listed_for_each_scene_and_may_be_refused() {
 fn a_price_counts_what_is_left_out_and_frames_the_scene_at_the_size_of_the_pictures() {
     let place = Place::demo(300);
     std::fs::rename(place.at("scene.ply"), place.at("alone.ply")).expect("it is renamed");
+    std::fs::remove_file(place.at("cameras.json")).expect("it is removed");
     let line = "convert alone.ply --price --size 12x40 --transform scale:2 --json";
     let lowest = |told: &serde_json::Value| told["prices"][0]["least_psnr_db"].as_f64();
     let whole = place.told(line);
@@ -188,6 +190,10 @@ fn a_price_counts_what_is_left_out_and_frames_the_scene_at_the_size_of_the_pictu
     let framing = std::fs::read_to_string(place.at("framing.json")).expect("it is there");
     let framing: serde_json::Value = serde_json::from_str(&framing).expect("JSON");
     assert_eq!(whole["cameras"], framing);
+    let moved = "--transform rotate:1,0,0,90 -c framing.json";
+    place.done(&format!("convert alone.ply turned.ply --write-cameras turned.json {moved}"));
+    let price = place.told(&format!("convert alone.ply --price --format ply --json {moved}"));
+    assert_eq!(price["cameras"], place.json("turned.json"));
     place.done("convert alone.ply far.ply --transform move:100000,0,0");
     let told = place.done("convert alone.ply --merge far.ply --price --size 12x40");
     for format in ["sog", "compressed.ply"] {
@@ -257,6 +263,8 @@ fn a_part_of_a_scene_is_written_and_a_moved_scene_looks_the_same_from_a_moved_ca
     place.done("convert part.ply near.ply --transform rotate:1,2,3,50 --transform move:1,0,0");
     let bytes = |name: &str| std::fs::metadata(place.at(name)).expect("it is there").len();
     assert_eq!(bytes("near.ply"), bytes("part.ply"));
+    let up = place.said("convert part.ply up.ply --transform rotate:1,0,0,-90 --tag up=z").1;
+    assert!(up.contains("the tag up becomes 0,1,0: --transform turns what --tag set"), "{up}");
     place.done("convert part.ply twice.ply --merge part.ply");
     let count = |name: &str| {
         let info = place.told(&format!("info {name} --json"));

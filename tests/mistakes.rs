@@ -101,6 +101,20 @@ fn mistakes_of_a_beginner_are_answered_with_the_way_to_go() {
         assert!(errors.contains(" are in the picture, but `low_pass`, unless"), "{errors}");
         assert!(!errors.contains("--orbit") && !errors.contains("alpha_cap"), "{errors}");
     }
+    // A scene in metres that is a few centimetres large.
+    place.done("convert scene.ply tiny.ply --transform scale:0.003");
+    let tiny = |distance: &str| {
+        place.said(&format!("render tiny.ply -o a.png --size 32x18 --eye 0,0,-{distance} --target 0,0,0")).1
+    };
+    let (all, some) = (tiny("0.1"), tiny("0.2"));
+    assert!(all.contains(" are in the picture, but nearer than the near plane, 0.2 units; enlarge"), "{all}");
+    assert!(some.contains("% of the splats in a picture are nearer than the near plane"), "{some}");
+    let place_cameras = "render tiny.ply --eye 0,0,-0.2 --target 0,0,0 -o a.png --write-cameras near.json";
+    place.done(place_cameras);
+    let said = place
+        .said("convert tiny.ply half.ply --transform scale:0.5 -c near.json --write-cameras half.json")
+        .1;
+    assert!(said.contains("100 % of the splats in a picture are nearer"), "{said}");
 }
 
 #[test]

@@ -132,13 +132,14 @@ impl Scene {
         let mesh = self.mesh().map(|mesh| mesh.transformed(by, self.offset(), offset.into()).into());
         let notes = FileNotes { up, ..self.notes() };
         let dropped = self.dropped().plus(moved.dropped());
-        Ok(moved.with_offset(offset.into()).with_notes(notes).with_mesh(mesh).with_dropped(dropped))
+        let moved = moved.with_offset(offset.into()).with_notes(notes).with_mesh(mesh).with_dropped(dropped);
+        Ok(moved.with_header_comments(self.header_comments().to_vec()))
     }
 
     /// Joins scenes, one after the other, and their meshes. The result's offset is the first scene's, unless that is too
     /// far from the splats.
     ///
-    /// Harmonics that a scene lacks are 0. Tags that differ are dropped. The light is the first mesh's. Counts of
+    /// Harmonics that a scene lacks are 0. Tags that differ are dropped, and so are comments. The light is the first mesh's. Counts of
     /// dropped splats are summed.
     ///
     /// # Errors

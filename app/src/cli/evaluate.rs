@@ -478,8 +478,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     drop(progress);
     if let Some(first) = blind.first() {
-        let example = Some((first, Rules::of_view(drawer.scene(), first)));
-        say(blind::note(drawer.scene(), (blind.len(), views.len()), &example, ""));
+        let example = (first, Rules::of_view(drawer.scene(), first));
+        say(blind::note(drawer.scene(), (blind.len(), views.len()), Some(&example), ""));
     }
     others.iter().for_each(say);
     let found = Evaluation::new(scores, missing);

@@ -1,6 +1,6 @@
 //! Loads scenes and their cameras, and reports what is unusual about them.
 
-use crate::draw::blind::{self, Example};
+use crate::draw::blind::{self, View};
 use crate::draw::facts::{self, SceneFacts};
 use crate::io::demo;
 use crate::io::load::LoadOptions;
@@ -226,10 +226,17 @@ pub fn stray_cameras(cameras: &[Camera], scene: &Scene) -> Option<String> {
 
 /// Reports that `blind` of `of` cameras see no splat, unless `blind` is 0. `framing` names what frames the scene, if
 /// the splats are elsewhere.
-pub fn tell_blind(scene: &Scene, (blind, of): (usize, usize), example: &Example, framing: &str) {
+///
+/// Unless all are blind, also reports that splats in `views` are too near.
+pub fn tell_blind(scene: &Scene, (blind, of): (usize, usize), views: &[View], framing: &str) {
     let advice = format!("; {framing}, without --cameras, --eye and --target, frames the scene");
     if blind > 0 {
+        // Which of several views are blind is not known.
+        let example = views.first().filter(|_| blind == of);
         say(blind::note(scene, (blind, of), example, &advice));
+    }
+    if blind < of {
+        blind::cut(scene, views).iter().for_each(say);
     }
 }
 

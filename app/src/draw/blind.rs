@@ -33,8 +33,11 @@ fn centred(scene: &Scene, camera: &Camera, rules: &Rules, opacity: f64) -> impl 
     })
 }
 
-/// A view without a splat: its camera, in the scene's coordinates, and the rules by which it was drawn.
-pub type Example<'a> = Option<(&'a Camera, Rules)>;
+/// Share of the splats in a view from which it is noticed that they are nearer than the near plane.
+const NOTICEABLE: f64 = 0.05;
+
+/// A view: its camera, in the scene's coordinates, and the rules by which it was drawn.
+pub type View<'a> = (&'a Camera, Rules);
 
 /// Returns the rules of a view, with the plan's values of `low_pass` and `alpha_cap`.
 ///
@@ -54,11 +57,47 @@ pub fn rules_of(plan: Option<&Plan>, scene: &Scene, camera: &Camera) -> Rules {
     rules
 }
 
+/// Counts the splats whose centres are in the picture, and those of them that are beyond the near plane.
+fn in_picture(scene: &Scene, (camera, rules): &View) -> [usize; 2] {
+    [0.0, rules.near].map(|near| {
+        let wide = Rules { near, low_pass: Rules::PUBLISHED.low_pass, ..rules.clone() };
+        centred(scene, camera, &wide, rules.alpha_floor).count()
+    })
+}
+
+/// Names the near plane, and how to get beyond it.
+fn too_near(rules: &Rules) -> String {
+    format!(
+        "nearer than the near plane, {} units; enlarge the scene and its cameras: `convert --transform scale:20 \
+         -c CAMERAS --write-cameras FILE`",
+        rules.near as f32
+    )
+}
+
+/// Reports the largest share of the splats in a view that the near plane cuts off; `None` if it is not noticeable.
+pub fn cut(scene: &Scene, views: &[View]) -> Option<String> {
+    let bounds = scene.robust_bounds();
+    let share = |view: &View| {
+        let (camera, Rules { near, .. }) = view;
+        // Splats are projected for few scenes: most cameras are farther away, or within a scene that is large.
+        let is_close = bounds.extent() < 20.0 * near && camera.depth_range(&bounds).0 <= *near;
+        let [all, beyond] = if is_close { in_picture(scene, view) } else { [1, 1] };
+        (all - beyond) as f64 / all.max(1) as f64
+    };
+    let (share, view) = views.iter().map(|view| (share(view), view)).max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let said =
+        || format!("up to {:.0} % of the splats in a picture are {}", 100.0 * share, too_near(&view.1));
+    (share >= NOTICEABLE).then(said)
+}
+
 /// Names the rules that left out splats whose centres are in the picture of a view without a splat. `None` if there are
 /// no such splats.
-fn left_out(scene: &Scene, (camera, rules): &(&Camera, Rules)) -> Option<String> {
-    let wide = Rules { low_pass: Rules::PUBLISHED.low_pass, ..rules.clone() };
-    let count = centred(scene, camera, &wide, rules.alpha_floor).count();
+fn left_out(scene: &Scene, view: &View) -> Option<String> {
+    let (_, rules) = view;
+    let [count, beyond] = in_picture(scene, view);
+    let near = too_near(rules);
+    // A few splats at the camera do not tell why the others are not seen.
+    let are_few = beyond == 0 && (count as f64) < NOTICEABLE * f64::from(scene.count());
     let is_dilated = matches!(rules.low_pass, LowPass::Dilate(_));
     let filter = "`low_pass`, unless it is `dilated`, leaves out splats much smaller than a pixel";
     let cap = "`alpha_cap=1` leaves out opaque splats, because each would end the blending";
@@ -66,11 +105,13 @@ fn left_out(scene: &Scene, (camera, rules): &(&Camera, Rules)) -> Option<String>
     let causes = [(!is_dilated, filter), (rules.stop.is_some_and(ends), cap)];
     let mut causes: Vec<&str> =
         causes.into_iter().filter(|(holds, _)| *holds).map(|(_, text)| text).collect();
-    if causes.is_empty() {
+    if beyond == 0 {
+        causes = vec![&near];
+    } else if causes.is_empty() {
         causes.push("the graph draws none of them");
     }
     let centres = format!("the centres of {} are in the picture", splats(count as u64));
-    (count > 0).then(|| format!("{centres}, but {}", causes.join(", and ")))
+    (count > 0 && !are_few).then(|| format!("{centres}, but {}", causes.join(", and ")))
 }
 
 /// Returns true if no splat is opaque enough to contribute to a pixel.
@@ -82,8 +123,8 @@ fn is_invisible(scene: &Scene) -> bool {
 ///
 /// Either all splats are invisible, or rules leave them out, or they are elsewhere. In the last case, the text names
 /// the box of most splats, and ends with `advice`.
-pub fn note(scene: &Scene, (blind, of): (usize, usize), example: &Example, advice: &str) -> String {
-    let why = match example.as_ref().and_then(|example| left_out(scene, example)) {
+pub fn note(scene: &Scene, (blind, of): (usize, usize), example: Option<&View>, advice: &str) -> String {
+    let why = match example.and_then(|example| left_out(scene, example)) {
         _ if is_invisible(scene) => "no splat has an opacity of 1/255 or more".to_owned(),
         Some(rules) => rules,
         None => {
@@ -101,14 +142,14 @@ pub fn note(scene: &Scene, (blind, of): (usize, usize), example: &Example, advic
 pub fn check(scene: &Scene, blind: &[Camera], of: usize) -> Result<Option<String>, String> {
     let Some(first) = blind.first() else { return Ok(None) };
     let blind = blind.len();
-    let note = note(scene, (blind, of), &Some((first, Rules::of_view(scene, first))), "");
+    let note = note(scene, (blind, of), Some(&(first, Rules::of_view(scene, first))), "");
     if blind < of { Ok(Some(note)) } else { Err(note + "; no picture can be compared") }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use splatgraph_assets::{Splat, synth};
+    use splatgraph_assets::{Similarity, Splat, synth};
 
     #[test]
     fn a_camera_sees_a_splat_if_one_contributes_to_its_exact_picture() {
@@ -117,7 +158,7 @@ mod tests {
         let away = Camera::looking_at([0.0, 0.0, -50.0], [0.0, 0.0, -60.0], 60.0, (32, 24));
         assert_eq!((sees(&scene, &ahead), sees(&scene, &away)), (Ok(true), Ok(false)));
         let rules = Rules::of_view(&scene, &away);
-        let elsewhere = note(&scene, (1, 2), &Some((&away, rules)), "; turn");
+        let elsewhere = note(&scene, (1, 2), Some(&(&away, rules)), "; turn");
         assert!(elsewhere.starts_with("1 of 2 cameras see no splat: most splats are in the box "));
         assert!(elsewhere.ends_with("; turn"), "{elsewhere}");
         // The centre of a large splat is outside the picture, its edge inside.
@@ -135,12 +176,12 @@ mod tests {
         let found = found.map(|(x, opacity)| sees(&one(x, opacity), &camera));
         assert_eq!(found, [Ok(true), Ok(true), Ok(false), Ok(false)]);
         assert_eq!(
-            note(&one(0.0, 0.003), (1, 1), &None, "; turn"),
+            note(&one(0.0, 0.003), (1, 1), None, "; turn"),
             "1 of 1 cameras see no splat: no splat has an opacity of 1/255 or more"
         );
         let of = |low_pass: LowPass, alpha_cap: f64| {
             let rules = Rules { low_pass, alpha_cap, ..Rules::PUBLISHED };
-            note(&one(0.0, 0.5), (1, 1), &Some((&camera, rules)), "; turn")
+            note(&one(0.0, 0.5), (1, 1), Some(&(&camera, rules)), "; turn")
         };
         let (dilated, cap) = (Rules::PUBLISHED.low_pass, Rules::PUBLISHED.alpha_cap);
         let said = [of(LowPass::Compensated(0.3), cap), of(dilated, 1.0), of(dilated, cap)];
@@ -152,5 +193,31 @@ mod tests {
             let begin = "1 of 1 cameras see no splat: the centres of 1 splat are in the picture, but ";
             assert_eq!(*said, format!("{begin}{why}"));
         }
+    }
+
+    #[test]
+    fn splats_nearer_than_the_near_plane_are_told_with_a_remedy() {
+        let figurine = synth::generate("uniform", 300, 0).expect("a small scene");
+        let by = Similarity { scale: 0.03 / figurine.bounds().extent(), ..Similarity::IDENTITY };
+        let figurine = figurine.transformed(&by).expect("it fits");
+        let at = |distance: f64| Camera::looking_at([0.0, 0.0, -distance], [0.0; 3], 60.0, (32, 24));
+        let said = |distance: f64| {
+            let camera = at(distance);
+            let view = (&camera, Rules::of_view(&figurine, &camera));
+            (note(&figurine, (1, 1), Some(&view), ""), cut(&figurine, &[view]))
+        };
+        let remedy = "nearer than the near plane, 0.2 units; enlarge the scene and its cameras: \
+                      `convert --transform scale:20 -c CAMERAS --write-cameras FILE`";
+        let (all, _) = said(0.1);
+        assert!(all.starts_with("1 of 1 cameras see no splat: the centres of 300 splats are in"), "{all}");
+        assert!(all.ends_with(&format!("picture, but {remedy}")), "{all}");
+        let half = said(0.2).1.expect("half of the splats are too near");
+        let share = half.strip_prefix("up to ").and_then(|text| text.split_once(' ')).expect("a share");
+        assert!(share.0.parse().is_ok_and(|share: u32| (30..=70).contains(&share)), "{half}");
+        assert_eq!(share.1, format!("% of the splats in a picture are {remedy}"));
+        assert_eq!(said(0.3).1, None);
+        // From within a large scene, few splats are too near.
+        let large = synth::generate("uniform", 300, 0).expect("a small scene");
+        assert_eq!(cut(&large, &[(&at(0.1), Rules::PUBLISHED)]), None);
     }
 }

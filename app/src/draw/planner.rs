@@ -136,6 +136,9 @@ impl Planner {
         let built = build_candidate(&request, candidate, &mut self.files, &mut self.compiler);
         let plan = built.map_err(|mut found| {
             self.outputs.iter().for_each(|name| name_graphs_with(name, &mut found));
+            if !self.outputs.is_empty() {
+                name_ways_to_draw_pixels(&mut found);
+            }
             GraphErrors::new(&self.files, &found)
         })?;
         let too_large = splatgraph_runtime::too_large(&plan, &facts.device);
@@ -287,6 +290,14 @@ fn name_graphs_with(output: &str, errors: &mut [Diagnostic]) {
     }
 }
 
+/// Adds the ways to draw large pictures to the error about the buffer from which outputs are written.
+fn name_ways_to_draw_pixels(errors: &mut [Diagnostic]) {
+    for error in errors.iter_mut().filter(|error| error.message.starts_with("`pixels` has ")) {
+        let ways = "draw a smaller picture, tiles of it (docs/projections.md), or with `--backend reference`";
+        error.help.push(ways.into());
+    }
+}
+
 /// Lists the settings that have no effect in a plan, each with the reason as a sentence.
 pub fn without_effect(plan: &Plan, set: &[(String, String)]) -> Vec<(String, String)> {
     let mut found: Vec<(String, String)> = Vec::new();
@@ -356,6 +367,17 @@ mod tests {
         let error = errors(64, 65_535, 8192).expect("the dispatch is too large");
         assert_eq!(error.found[0].line, 7, "{error}");
         assert!(error.found[0].message.starts_with("pass `paint` has more invocations"), "{error}");
+    }
+
+    #[test]
+    fn outputs_of_a_picture_that_is_too_large_for_a_buffer_are_answered_with_other_ways_to_draw_it() {
+        let mut planner = Planner { outputs: vec!["alpha".into()], ..Planner::default() };
+        let facts = facts::facts(&facts::SceneFacts::NOMINAL, &facts::portable_device(32), (4100, 4100));
+        let errors =
+            planner.plan("splat", &[], &facts, &facts::nominal_catalog()).expect_err("it is too large");
+        let text = errors.to_string();
+        assert!(text.contains("`pixels` has 128.3 MiB, and the device binds at most 128.0 MiB"), "{text}");
+        assert!(text.contains("= help: draw a smaller picture, tiles of it"), "{text}");
     }
 
     #[test]

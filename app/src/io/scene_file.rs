@@ -117,7 +117,7 @@ pub struct Original {
     unread: Option<String>,
     /// Description of the data after the last row; `None` if there is none.
     after_rows: Option<String>,
-    /// Comments and copyright of the file, which no format keeps.
+    /// Comments and copyright of the file, which PLY keeps of one file.
     comments: Vec<String>,
 }
 
@@ -134,6 +134,9 @@ pub struct Losses {
 
 /// Opacity (logit 9.9) above which rounding to f32 can change the logit by almost 0.001.
 const NEARLY_OPAQUE: f32 = 0.99995;
+
+/// Deviation, in steps of positions, below which rounding to the steps costs several dB: 5 of a figurine's 45 dB.
+const FEW_STEPS: f64 = 8.0;
 
 /// Maximum number of properties to name.
 const NAMED: usize = 8;
@@ -288,13 +291,13 @@ fn move_advice(scene: &Scene) -> String {
     format!(": the scene is far from the origin; `--transform move:{x},{y},{z}` moves it there")
 }
 
-/// Describes the finest step of positions in SPZ, with a transform that helps if there is one. `None` if the step is
-/// not larger than the median deviation of the splats, or without splats.
+/// Describes the finest step of positions in SPZ, with a transform that helps if there is one. `None` if the median
+/// deviation of the splats is [`FEW_STEPS`] or more, or without splats.
 fn small_splats(scene: &Scene, step: f64, largest: f64) -> Option<String> {
     // Splats of this many steps are typical of captures, and are above the smallest scale of SPZ.
     const STEPS: f64 = 32.0;
     let median = f64::from(scene.median_size());
-    if median >= step || scene.count() == 0 {
+    if median >= FEW_STEPS * step || scene.count() == 0 {
         return None;
     }
     let wanted = STEPS * step / median.max(1e-9);
@@ -440,8 +443,8 @@ impl Original {
         losses
     }
 
-    /// Lists the data of the file that the loaded scene lacks.
-    fn not_loaded(&self) -> Vec<String> {
+    /// Lists the data of the file that the loaded scene lacks. Comments are among them, unless they are kept.
+    fn not_loaded(&self, keeps_comments: bool) -> Vec<String> {
         let mut losses = Vec::new();
         let dropped = &self.dropped;
         if dropped.total() > 0 {
@@ -453,7 +456,8 @@ impl Original {
         losses.extend(self.notes.left_out());
         losses.extend(self.unread.clone());
         losses.extend(self.after_rows.clone());
-        losses.extend(listed(&self.comments).map(|comments| format!("comments: {comments}")));
+        let comments = if keeps_comments { None } else { listed(&self.comments) };
+        losses.extend(comments.map(|comments| format!("comments: {comments}")));
         losses
     }
 
@@ -471,7 +475,9 @@ impl Losses {
     /// Collects what a file of `written` lacks compared with the original scenes. With several, the name of the scene
     /// precedes a loss of one.
     pub fn of(originals: &[(&str, &Original)], written: &Scene, format: SceneFormat) -> Losses {
-        let mut losses = not_loaded(originals);
+        let keeps_comments = !written.header_comments().is_empty()
+            && matches!(format, SceneFormat::Ply | SceneFormat::CompressedPly);
+        let mut losses = named(originals, |original| original.not_loaded(keeps_comments));
         let to = written.stored_degree();
         losses.extend(not_stored(written, format));
         // The actual step replaces the description of the format's steps.
@@ -499,9 +505,9 @@ impl Losses {
     }
 }
 
-/// Lists the data of several files that their loaded scenes lack.
+/// Lists the data of several files that their loaded scenes lack, and their comments.
 pub fn not_loaded(originals: &[(&str, &Original)]) -> Vec<String> {
-    named(originals, Original::not_loaded)
+    named(originals, |original| original.not_loaded(false))
 }
 
 /// Lists losses of each scene, after its name if there are several scenes.
@@ -571,7 +577,11 @@ mod tests {
               `--transform scale:100` enlarges the scene"]
         );
         assert!(
-            small(0.01)[0].ends_with("in a scene beyond 2048 units"),
+            small(0.01)[0].ends_with("at most 0.001; `--transform scale:10` enlarges the scene"),
+            "4 steps are few"
+        );
+        assert!(
+            small(0.1)[0].ends_with("in a scene beyond 2048 units"),
             "the steps are smaller than the splats"
         );
         let large = Scene::generate(1000, 0, |index| splat(spread(index).map(|v| 500.0 * v)));

@@ -133,11 +133,22 @@ pub(crate) struct Header {
     pub lines: u32,
     /// Drawing rules, read from the tags in the header's `comment` lines.
     pub notes: FileNotes,
-    /// The comments that are no tags.
+    /// The lines `comment` and `obj_info` that are no tags.
     pub comments: Vec<String>,
 }
 
 impl Header {
+    /// Returns the comments that files of the scene get; empty if they take more than half of a header.
+    pub(super) fn kept_comments(&self) -> Vec<String> {
+        let bytes: usize = self.comments.iter().map(|line| line.len() + 1).sum();
+        if bytes > HEADER_LIMIT / 2 { Vec::new() } else { self.comments.clone() }
+    }
+
+    /// Returns the texts of [`Header::comments`].
+    pub(super) fn comment_texts(&self) -> Vec<String> {
+        self.comments.iter().filter_map(|line| Some(line.split_once(' ')?.1.to_owned())).collect()
+    }
+
     pub(crate) fn vertex(&self) -> Result<&Element, SceneError> {
         self.elements.iter().find(|e| e.name == "vertex").ok_or_else(|| {
             let found = self.elements.iter().map(|e| e.name.as_str()).collect::<Vec<_>>().join(", ");
@@ -176,7 +187,7 @@ impl Header {
             match words.as_slice() {
                 [] | ["comment" | "obj_info"] => {}
                 ["comment", comment @ ..] if tags::read(comment, &mut notes)? => {}
-                ["comment" | "obj_info", comment @ ..] => comments.push(comment.join(" ")),
+                ["comment" | "obj_info", ..] => comments.push(words.join(" ")),
                 ["ply"] if number == 1 => {}
                 ["format", name, version] => {
                     if encoding.is_some() {
@@ -282,7 +293,10 @@ mod tests {
         let header = Header::parse(text.as_bytes()).unwrap();
         assert_eq!(header.encoding, Encoding::BigEndian);
         assert_eq!(header.bytes, text.len() - 1);
-        assert_eq!((header.lines, header.comments), (9, vec!["made by hand".to_owned(), "x".to_owned()]));
+        assert_eq!(
+            (header.lines, header.comments),
+            (9, vec!["comment made by hand".to_owned(), "obj_info x".to_owned()])
+        );
         assert_eq!((header.elements[0].count, header.elements[0].stride()), (7, Some(4)));
         assert_eq!((header.elements[1].line, header.elements[1].stride()), (7, None));
     }

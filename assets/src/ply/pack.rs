@@ -5,7 +5,7 @@
 use super::packed::{CHUNK, CHUNK_SPLATS, VERTEX};
 use super::tags;
 use crate::activation::{SH_C0, logarithm, omit_largest, quantised};
-use crate::scene::{FileNotes, Scene, sh_floats};
+use crate::scene::{Scene, sh_floats};
 use crate::words::write_rows;
 use glam::DVec3;
 use std::f64::consts::SQRT_2;
@@ -20,7 +20,7 @@ const POSITION_STEPS: DVec3 = DVec3::new(2047.0, 1023.0, 2047.0);
 /// The values of a splat that are stored relative to bounds: position, logarithms of the scale, and colour.
 type Ranged = [f64; 9];
 
-fn header(count: usize, degree: u32, notes: FileNotes) -> String {
+fn header(count: usize, degree: u32, comments: &str) -> String {
     let lines = |kind: &str, names: &mut dyn Iterator<Item = String>| -> String {
         names.map(|name| format!("property {kind} {name}\n")).collect()
     };
@@ -28,10 +28,9 @@ fn header(count: usize, degree: u32, notes: FileNotes) -> String {
     let chunk = lines("float", &mut CHUNK.iter().map(|name| (*name).to_owned()));
     let vertex = lines("uint", &mut VERTEX.iter().map(|name| (*name).to_owned()));
     let rest = lines("uchar", &mut (0..sh_floats(degree) - 3).map(|index| format!("f_rest_{index}")));
-    let tags = tags::comments(notes);
     let sh = if degree > 0 { format!("element sh {count}\n{rest}") } else { String::new() };
     format!(
-        "ply\nformat binary_little_endian 1.0\n{tags}element chunk {chunks}\n{chunk}element vertex {count}\n{vertex}{sh}end_header\n"
+        "ply\nformat binary_little_endian 1.0\n{comments}element chunk {chunks}\n{chunk}element vertex {count}\n{vertex}{sh}end_header\n"
     )
 }
 
@@ -73,7 +72,7 @@ fn harmonic(value: f32) -> u8 {
 /// Writes a scene as compressed PLY.
 pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     let degree = scene.stored_degree();
-    out.write_all(header(scene.count() as usize, degree, scene.notes()).as_bytes())?;
+    out.write_all(header(scene.count() as usize, degree, &tags::comments(scene)).as_bytes())?;
     let order = scene.morton_order();
     // Splats are buffered, because the bounds of all chunks precede the first splat in the file.
     let mut vertices = Vec::new();

@@ -137,9 +137,10 @@ impl Packed {
         let length = input.source.length();
         let format = "PlayCanvas compressed ply".into();
         let size_breakdown = SizeBreakdown::new(format, length, header.bytes as u64, elements)
-            .with_comments(header.comments.clone());
+            .with_comments(header.comment_texts());
         let notes = FileNotes { cut_degree: self.harmonics.cut_degree, ..header.notes };
-        input::finish(filled, count, size_breakdown, notes)
+        let scene = input::finish(filled, count, size_breakdown, notes)?;
+        Ok(scene.with_header_comments(header.kept_comments()))
     }
 
     fn bounds(&self, table: Table, count: u64) -> Result<Vec<Bounds>, SceneError> {

@@ -76,8 +76,9 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let length = input.source.length();
     let format = format!("ply, {}", header.encoding.name());
     let size_breakdown = SizeBreakdown::new(format, length, header.bytes as u64, elements)
-        .with_comments(header.comments.clone());
-    Ok(input::finish(filled, count, size_breakdown, layout.notes(header.notes))?.with_offset(origin))
+        .with_comments(header.comment_texts());
+    let scene = input::finish(filled, count, size_breakdown, layout.notes(header.notes))?.with_offset(origin);
+    Ok(scene.with_header_comments(header.kept_comments()))
 }
 
 struct File<'a> {

@@ -3,7 +3,7 @@
 use super::write::property_names;
 use crate::input::{Input, OpenFile, Source};
 use crate::testing::{captures, golden, parse, says, splat, written};
-use crate::{Scene, SceneFormat, sh_floats};
+use crate::{Scene, SceneFormat, Similarity, sh_floats};
 use std::path::PathBuf;
 
 pub(crate) struct Made {
@@ -368,6 +368,24 @@ fn a_scene_with_an_offset_is_written_in_the_coordinates_of_the_world() {
     assert_eq!((back.offset(), back.positions()), (scene.offset(), scene.positions()));
     assert_eq!(back.size_breakdown().file_bytes, bytes.len() as u64);
     says(back.size_breakdown(), "double");
+}
+
+#[test]
+fn comments_of_the_header_are_kept_by_copies_in_both_layouts_unless_they_fill_it() {
+    let scene = |lines: &str| parse(&edited(&PLAIN, "obj_info none\n", lines)).unwrap();
+    let lines = "comment by  Jane\nobj_info inventory 7\n";
+    let changed = scene(lines).picked(&[3, 5]).unwrap().cut_to_degree(0).unwrap();
+    let changed = changed.transformed(&Similarity { scale: 2.0, ..Similarity::IDENTITY }).unwrap();
+    for format in [SceneFormat::Ply, SceneFormat::CompressedPly] {
+        let back = parse(&written(&changed, format)).unwrap();
+        assert_eq!(
+            back.header_comments(),
+            ["comment made for a test", "comment by Jane", "obj_info inventory 7"]
+        );
+        assert_eq!(back.size_breakdown().comments, ["made for a test", "by Jane", "inventory 7"]);
+    }
+    let long = scene(&format!("comment {}\n", "a".repeat(40_000)));
+    assert!(long.header_comments().is_empty() && !long.size_breakdown().comments.is_empty());
 }
 
 #[test]

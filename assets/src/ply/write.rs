@@ -4,7 +4,7 @@
 
 use super::tags;
 use crate::activation::{logarithm, logit};
-use crate::scene::{FileNotes, Scene, Splat, sh_floats};
+use crate::scene::{Scene, Splat, sh_floats};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use crate::words::write_rows;
 use std::io::{BufWriter, Write};
@@ -30,22 +30,23 @@ fn kind(column: usize, wide: bool) -> (&'static str, u64) {
     if wide && column < 3 { ("double", 8) } else { ("float", 4) }
 }
 
-fn header(count: u64, degree: u32, wide: bool, notes: FileNotes) -> String {
+fn header(count: u64, degree: u32, wide: bool, comments: &str) -> String {
     let names = property_names(degree).into_iter().enumerate();
     let properties: String =
         names.map(|(column, name)| format!("property {} {name}\n", kind(column, wide).0)).collect();
-    let tags = tags::comments(notes);
-    format!("ply\nformat binary_little_endian 1.0\n{tags}element vertex {count}\n{properties}end_header\n")
+    format!(
+        "ply\nformat binary_little_endian 1.0\n{comments}element vertex {count}\n{properties}end_header\n"
+    )
 }
 
-fn size_breakdown(count: u64, degree: u32, wide: bool, notes: FileNotes) -> SizeBreakdown {
+fn size_breakdown(count: u64, degree: u32, wide: bool, comments: &str) -> SizeBreakdown {
     let field = |(column, name): (usize, String)| {
         let (kind, size) = kind(column, wide);
         let used = !name.starts_with('n');
         FieldSize { used, ..FieldSize::column(name, kind, size, count) }
     };
     let fields = property_names(degree).into_iter().enumerate().map(field).collect();
-    let header_bytes = header(count, degree, wide, notes).len() as u64;
+    let header_bytes = header(count, degree, wide, comments).len() as u64;
     let vertex = ElementSize::new("vertex", count, fields);
     let format = "ply, binary_little_endian".into();
     SizeBreakdown::new(format, header_bytes + vertex.bytes, header_bytes, vec![vertex])
@@ -56,7 +57,7 @@ impl Scene {
     pub fn size_breakdown(&self) -> &SizeBreakdown {
         let wide = self.is_offset();
         let (count, degree) = (self.count().into(), self.stored_degree());
-        self.size_breakdown.get_or_init(|| size_breakdown(count, degree, wide, self.notes()))
+        self.size_breakdown.get_or_init(|| size_breakdown(count, degree, wide, &tags::comments(self)))
     }
 
     /// Returns true if positions need more precision than `float`.
@@ -84,7 +85,7 @@ impl Scene {
     pub fn write_ply_to(&self, out: &mut impl Write) -> std::io::Result<()> {
         let count = self.count() as usize;
         let (degree, wide) = (self.stored_degree(), self.is_offset());
-        out.write_all(header(count as u64, degree, wide, self.notes()).as_bytes())?;
+        out.write_all(header(count as u64, degree, wide, &tags::comments(self)).as_bytes())?;
         write_rows(count, out, |index, bytes| {
             let splat = self.splat(index);
             match wide {
@@ -119,7 +120,7 @@ mod tests {
 
     #[test]
     fn a_reference_file_of_degree_3_has_248_bytes_per_splat() {
-        let size = size_breakdown(1000, 3, false, FileNotes::default());
+        let size = size_breakdown(1000, 3, false, "");
         assert_eq!(size.elements[0].bytes, 248_000);
         assert_eq!(size.sum(), size.file_bytes);
         let text = size.to_string();

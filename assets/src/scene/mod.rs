@@ -57,6 +57,8 @@ pub struct Scene {
     notes: FileNotes,
     mesh: Option<Arc<Mesh>>,
     parts: Vec<ScenePart>,
+    /// Lines `comment` and `obj_info` of the PLY header that are no tags.
+    header_comments: Vec<String>,
     /// Sizes of the file's parts; empty for a generated scene until requested.
     pub(crate) size_breakdown: OnceLock<SizeBreakdown>,
     robust: OnceLock<Bounds>,
@@ -85,6 +87,7 @@ impl Scene {
             notes: FileNotes::default(),
             mesh: None,
             parts: Vec::new(),
+            header_comments: Vec::new(),
             size_breakdown: OnceLock::new(),
             robust: OnceLock::new(),
             colors: OnceLock::new(),
@@ -169,7 +172,7 @@ impl Scene {
         self.derived(self.count(), degree, |index| (self.splat(index), self.position(index)))
     }
 
-    /// Generates a scene with the offset, tags and mesh of this one. Its positions are wide if this scene's are.
+    /// Generates a scene with the offset, tags, comments and mesh of this one. Its positions are wide if this scene's are.
     ///
     /// As with [`Scene::try_generate_at`], quaternions must have unit length: they are copied bit by bit.
     pub(crate) fn derived(
@@ -179,7 +182,8 @@ impl Scene {
         splat: impl Fn(usize) -> (Splat, [f64; 3]) + Sync,
     ) -> Result<Self, SceneMemoryError> {
         let derived = Self::try_generate_at(count, degree, self.is_wide(), splat)?;
-        Ok(derived.with_offset(self.offset).with_notes(self.notes).with_mesh(self.mesh.clone()))
+        let derived = derived.with_offset(self.offset).with_notes(self.notes).with_mesh(self.mesh.clone());
+        Ok(derived.with_header_comments(self.header_comments.clone()))
     }
 
     /// Sets the scene's origin in the world without changing the positions, which are relative to it.
@@ -195,6 +199,18 @@ impl Scene {
     pub(crate) fn with_dropped(mut self, dropped: Dropped) -> Self {
         self.gathered.dropped = dropped;
         self
+    }
+
+    /// Sets the comments that PLY files of the scene get, as lines of a header.
+    pub(crate) fn with_header_comments(self, header_comments: Vec<String>) -> Self {
+        Self { header_comments, ..self }
+    }
+
+    /// Returns the comments of the PLY file from which the scene was loaded or derived, each as a line of its header.
+    ///
+    /// PLY files of the scene get them. Tags are not among them. Empty for joined scenes, and for more than 32 KiB.
+    pub fn header_comments(&self) -> &[String] {
+        &self.header_comments
     }
 
     pub(crate) fn with_breakdown(self, breakdown: SizeBreakdown) -> Self {

@@ -5,7 +5,7 @@ use crate::cli::look_at::direction;
 use crate::cli::outcome::Usage;
 use crate::draw::splat_set::SplatSet;
 use crate::io::load::LoadOptions;
-use crate::io::output::one_line;
+use crate::io::output::{one_line, say};
 use crate::io::scene_file::{self, Original};
 use anyhow::{Result, bail};
 use glam::{DQuat, DVec3};
@@ -33,7 +33,8 @@ pub struct EditArgs {
     #[arg(long, value_name = "FILE.json")]
     remove: Option<PathBuf>,
     /// Transform the scene: `scale:S`, `rotate:X,Y,Z,DEGREES` (about an axis through the origin) or `move:X,Y,Z`; may
-    /// be repeated. --write-cameras moves cameras with it
+    /// be repeated. The cameras of --price and --write-cameras move with it. Splats within 0.2 units of a camera are not
+    /// drawn, so enlarge small scenes
     #[arg(long, value_name = "KIND:NUMBERS", value_parser = transform)]
     transform: Vec<Similarity>,
     /// Keep the splats whose centres are inside: `box:X,Y,Z,X,Y,Z` (two corners) or `sphere:X,Y,Z,RADIUS`
@@ -303,6 +304,10 @@ impl EditArgs {
                 loss = Some(format!("--transform: {} dropped ({lost})", scene_file::splats(lost.total())));
                 let mut at = 0..;
                 first_indices.retain(|_| at.next().is_some_and(|at| self.keeps(&scene, at, moved.offset())));
+            }
+            let up = moved.notes().up.filter(|up| Some(*up) != scene.notes().up);
+            if let Some([x, y, z]) = up.filter(|_| self.tag.iter().any(|tag| matches!(tag, Tag::Up(_)))) {
+                say(format!("the tag up becomes {x},{y},{z}: --transform turns what --tag set"));
             }
             scene = moved;
         }

@@ -7,7 +7,7 @@ use super::loading;
 use super::options;
 use super::outcome::{Outcome, Usage};
 use super::stdout::Stdout;
-use crate::draw::camera;
+use crate::draw::{blind, camera};
 use crate::io::load::LoadOptions;
 use crate::io::output::{OutputGuard, is_standard_output, say, shell_word};
 use crate::io::progress::Progress;
@@ -18,6 +18,7 @@ use edit::EditArgs;
 use price::PriceArgs;
 use serde_json::json;
 use splatgraph_assets::{SceneFormat, SpzVersion, grouped};
+use splatgraph_reference::Rules;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -170,7 +171,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         transform_loss.iter().for_each(say);
         losses.extend(transform_loss);
         let lost = json!({ "dropped": dropped, "losses": losses });
-        return args.price.run(scene, truth, &args.input, &args.format, lost);
+        return args.price.run(scene, truth, (&args.input, &args.edit), &args.format, lost);
     };
     let mut lost = Losses::of(&originals, &scene, format);
     lost.losses.extend(transform_loss);
@@ -190,6 +191,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     drop(progress);
     if let Some((path, cameras)) = &cameras {
         options::write_json(path, &serde_json::to_value(cameras)?)?;
+        let cameras: Vec<_> = cameras.iter().map(|camera| camera.relative_to(scene.offset())).collect();
+        let views: Vec<_> = cameras.iter().map(|camera| (camera, Rules::of_view(&scene, camera))).collect();
+        blind::cut(&scene, &views).iter().for_each(say);
     }
 
     if let Some(file) = args.price.json() {

@@ -1,5 +1,6 @@
 //! Measures and prints the price of each format (`convert --price`).
 
+use super::edit::EditArgs;
 use crate::cli::outcome::{Outcome, Usage, refuse_without};
 use crate::cli::{cameras, loading, options};
 use crate::draw::blind;
@@ -20,7 +21,7 @@ pub struct PriceArgs {
     #[arg(long, conflicts_with_all = ["output", "spz_version"])]
     price: bool,
     /// Cameras of the pictures of --price [default: the first camera beside the scene, or one that frames the scene], or
-    /// those that --write-cameras moves
+    /// of --write-cameras; --transform moves them with the scene
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Size of the pictures of --price [default: the cameras']
@@ -61,18 +62,19 @@ impl PriceArgs {
 
     /// Measures the prices of `scene`, which was loaded from `path`, in `formats`, or in all if it is empty. Prints
     /// them or writes them to the file of `--json`, with the fields of `lost`. `truth` is the scene before splats or
-    /// bands were left out; `None` if it is the same.
+    /// bands were left out; `None` if it is the same. Given cameras move with the scene.
     pub(super) fn run(
         &self,
         scene: Scene,
         truth: Option<Scene>,
-        path: &Path,
+        (path, edit): (&Path, &EditArgs),
         formats: &[SceneFormat],
         lost: Json,
     ) -> Result<Outcome> {
         let formats = if formats.is_empty() { &SceneFormat::WRITTEN } else { formats };
         let original = truth.as_ref().unwrap_or(&scene);
         let given = cameras::load_sized(self.cameras.as_deref(), Some(path), self.size, false)?;
+        let given = given.map(|cameras| edit.moved(cameras)).transpose()?;
         // Use world coordinates: a format may or may not keep the scene's origin.
         let framing = || loading::framing_at(original, self.size).in_world(original.offset());
         let cameras = given.unwrap_or_else(|| vec![framing()]);

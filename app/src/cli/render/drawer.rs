@@ -210,17 +210,17 @@ impl Drawer {
             batch.report_skipped(views.len())?;
             blind = std::mem::take(&mut batch.blind);
         }
-        // Which of several views are blind is not known.
-        let view = views.first().filter(|_| blind == views.len()).map(|view| &cameras[*view]);
         let rules = |camera: &Camera| match &*with {
             With::Device { session, .. } => Ok(blind::rules_of(session.plan(), scene, camera)),
             With::Exact { .. } => truth::rules(Rules::of_view(scene, camera), &args.rule),
         };
-        let example = view.map(|camera| rules(camera).map(|rules| (camera, rules))).transpose()?;
+        let drawn = views.iter().map(|view| &cameras[*view]);
+        let drawn: Result<Vec<_>, _> =
+            drawn.map(|camera| rules(camera).map(|rules| (camera, rules))).collect();
         // Cameras of files that are far from the scene were reported when they were read.
         if args.look.has_camera() || loading::stray_cameras(cameras, scene).is_none() {
             // A panorama has no --fov.
-            loading::tell_blind(scene, (blind, views.len()), &example, "`--orbit 1`");
+            loading::tell_blind(scene, (blind, views.len()), &drawn?, "`--orbit 1`");
         }
         Ok(())
     }

@@ -353,10 +353,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     };
     if let Some((there, drawn)) = told {
-        let (scene, blind) = (session.scene(), drawn.blind);
-        let camera = film.camera(0.0).filter(|_| blind == drawn.frames);
+        let (scene, camera) = (session.scene(), film.camera(0.0));
         let rules = |camera| (camera, blind::rules_of(session.plan(), scene, camera));
-        loading::tell_blind(scene, (blind, drawn.frames), &camera.as_ref().map(rules), "the same command");
+        let first: Vec<_> = camera.iter().map(rules).collect();
+        loading::tell_blind(scene, (drawn.blind, drawn.frames), &first, "the same command");
         let line = job.summary(there, &drawn, began.elapsed().as_secs_f64());
         Stdout::of([Some(args.output.as_path()), args.write_cameras.as_deref()].into_iter().flatten())
             .line(&line)?;
