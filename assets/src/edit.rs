@@ -139,8 +139,8 @@ impl Scene {
     /// Joins scenes, one after the other, and their meshes. The result's offset is the first scene's, unless that is too
     /// far from the splats.
     ///
-    /// Harmonics that a scene lacks are 0. Tags that differ are dropped, and so are comments. The light is the first mesh's. Counts of
-    /// dropped splats are summed.
+    /// Harmonics that a scene lacks are 0. Tags that differ are dropped, and so are comments. The light is the first
+    /// mesh's. Counts of dropped splats are summed.
     ///
     /// # Errors
     /// The copy does not fit in memory, or there are 2^32 splats or more.

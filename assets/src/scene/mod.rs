@@ -172,7 +172,8 @@ impl Scene {
         self.derived(self.count(), degree, |index| (self.splat(index), self.position(index)))
     }
 
-    /// Generates a scene with the offset, tags, comments and mesh of this one. Its positions are wide if this scene's are.
+    /// Generates a scene with the offset, tags, comments and mesh of this one. Its positions are wide if this scene's
+    /// are.
     ///
     /// As with [`Scene::try_generate_at`], quaternions must have unit length: they are copied bit by bit.
     pub(crate) fn derived(

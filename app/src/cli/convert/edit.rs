@@ -33,8 +33,8 @@ pub struct EditArgs {
     #[arg(long, value_name = "FILE.json")]
     remove: Option<PathBuf>,
     /// Transform the scene: `scale:S`, `rotate:X,Y,Z,DEGREES` (about an axis through the origin) or `move:X,Y,Z`; may
-    /// be repeated. The cameras of --price and --write-cameras move with it. Splats within 0.2 units of a camera are not
-    /// drawn, so enlarge small scenes
+    /// be repeated. The cameras of --price and --write-cameras move with it. Splats at a depth of at most 0.2 units are
+    /// not drawn, so enlarge small scenes
     #[arg(long, value_name = "KIND:NUMBERS", value_parser = transform)]
     transform: Vec<Similarity>,
     /// Keep the splats whose centres are inside: `box:X,Y,Z,X,Y,Z` (two corners) or `sphere:X,Y,Z,RADIUS`
