@@ -25,7 +25,7 @@ use crate::numbers::Random;
 use deeds::{DEEDS, GRAPHS};
 use egui::Event as Input;
 use indexmap::IndexMap;
-use process::{open_files, resident, settled_threads};
+use process::{resident, settled};
 use splatgraph::draw::backend::Validation;
 use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
@@ -327,14 +327,15 @@ impl Soak {
         let sum = |list: &[(String, u64)], wanted: &dyn Fn(&str) -> bool| {
             list.iter().filter(|(name, _)| wanted(name)).map(|(_, bytes)| bytes).sum::<u64>()
         };
+        let (files, threads) = settled();
         let reference = Reference {
             call: self.viewer.calls,
             listed: [0, 1, 2].map(|i: usize| sum(&lists[i], &|name| !is_texels(name))),
             texels: sum(&lists[2], &is_texels),
             device: device_memory(&self.viewer),
             rss: resident(),
-            files: open_files(),
-            threads: settled_threads(),
+            files,
+            threads,
         };
         let shown = [self.viewer.picture(RendererId::A), self.viewer.window()];
         let before = self.shown.get_or_insert_with(|| shown.clone());

@@ -9,7 +9,7 @@ pub fn resident() -> u64 {
     pages * 4096
 }
 
-pub(super) fn open_files() -> usize {
+fn open_files() -> usize {
     fs::read_dir("/proc/self/fd").expect("there is a /proc").count()
 }
 
@@ -24,15 +24,17 @@ fn threads() -> Vec<String> {
     names
 }
 
-/// Returns the shortest list of threads seen within 50 ms, so that finished threads can end.
-pub(super) fn settled_threads() -> Vec<String> {
-    let mut least = threads();
+/// Returns the smallest number of open files, and the shortest list of threads, within 50 ms: finished threads end, and
+/// other threads open files only for a moment, such as the watcher and Mesa's shader cache.
+pub(super) fn settled() -> (usize, Vec<String>) {
+    let mut least = (open_files(), threads());
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_millis(50) {
         std::thread::sleep(Duration::from_millis(5));
-        let now = threads();
-        if now.len() < least.len() {
-            least = now;
+        let threads = threads();
+        least.0 = least.0.min(open_files());
+        if threads.len() < least.1.len() {
+            least.1 = threads;
         }
     }
     least
