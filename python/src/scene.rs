@@ -6,7 +6,7 @@ use crate::wait;
 use pyo3::exceptions::{PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 use splatgraph::io::output::OutputError;
-use splatgraph::io::scene_file;
+use splatgraph::io::{losses, scene_file};
 use splatgraph_assets::{self as assets, FileNotes, Similarity, Splat};
 use std::collections::HashMap;
 use std::ffi::CString;
@@ -157,7 +157,7 @@ impl Scene {
         let name = path.display().to_string();
         let write = move || {
             scene_file::write(&scene, format, None, assets::QUIET, &path)?;
-            Ok::<_, OutputError>(scene_file::missing(&scene, format))
+            Ok::<_, OutputError>(losses::missing(&scene, format))
         };
         let written: Result<Vec<String>, OutputError> = wait::run(py, write)?;
         let losses = written.map_err(|error| SceneError::new_err(error.to_string()))?;

@@ -12,7 +12,7 @@ use crate::draw::keys;
 use crate::draw::planner::Planner;
 use crate::draw::storage::{Choice, StorageError};
 use crate::io::load::LoadOptions;
-use crate::io::scene_file;
+use crate::io::losses;
 use crate::studies::advise::{Description, describe};
 use anyhow::Result;
 use glam::DVec3;
@@ -166,7 +166,7 @@ fn part(part: &ScenePart) -> Json {
 fn up_text(up: DVec3, of_scene: DVec3) -> String {
     let [x, y, z] = up.to_array().map(|v| (v * 1e4).round() / 1e4 + 0.0);
     let differs = up.angle_between(of_scene).to_degrees() > 1.0;
-    let advice = scene_file::upright(up.into()).filter(|_| differs);
+    let advice = losses::upright(up.into()).filter(|_| differs);
     let advice =
         advice.map(|(rotation, _)| format!("; {rotation} turns the scene upright")).unwrap_or_default();
     format!("  up of the cameras     {x},{y},{z}{advice}\n")

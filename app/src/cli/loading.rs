@@ -4,9 +4,9 @@ use crate::draw::blind::{self, View};
 use crate::draw::facts::{self, SceneFacts};
 use crate::io::demo;
 use crate::io::load::LoadOptions;
+use crate::io::losses;
 use crate::io::output::{self, names, say};
 use crate::io::progress::Progress;
-use crate::io::scene_file;
 use crate::lsp;
 use anyhow::{Context, Result, anyhow, bail};
 use splatgraph_assets::{Camera, Content, LoadError, QUIET, Scene, SceneError, SceneFormat};
@@ -70,7 +70,7 @@ pub fn load_any_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> 
         if cancel.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;
     if let Content::Splats(scene) = &content {
-        for note in scene_file::notes(scene) {
+        for note in losses::notes(scene) {
             say(format!("{}: {note}", path.display()));
         }
     }
@@ -79,7 +79,7 @@ pub fn load_any_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> 
 
 /// Reports the tags that a merged scene ignores, because the scenes differ in them.
 pub fn tell_mixed_tags(name: &str, scene: &Scene) {
-    if let Some(tags) = scene_file::mixed_tags(scene) {
+    if let Some(tags) = losses::mixed_tags(scene) {
         say(format!("{name}: {tags}"));
     }
 }

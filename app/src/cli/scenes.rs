@@ -9,8 +9,8 @@ use crate::draw::fit::{self, Target, Wanted};
 use crate::draw::session::Session;
 use crate::draw::storage::StorageError;
 use crate::io::load::LoadOptions;
+use crate::io::losses;
 use crate::io::output::{OutputGuard, say};
-use crate::io::scene_file;
 use anyhow::{Error, Result};
 use splatgraph_api::DeviceInfo;
 use splatgraph_assets::{Camera, Content, Scene, SceneHeader, Similarity};
@@ -117,7 +117,7 @@ impl ScenesArgs {
                 let joined = Scene::joined(&all)?;
                 loading::tell_mixed_tags("all scenes", &joined);
                 let ups = all.iter().filter_map(|scene| scene.notes().up.filter(|_| joined.notes().mixed.up));
-                ups.filter_map(scene_file::lost_up).for_each(say);
+                ups.filter_map(losses::lost_up).for_each(say);
                 joined
             }
         };

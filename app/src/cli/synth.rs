@@ -8,7 +8,7 @@ use crate::draw::orbit::Orbit;
 use crate::draw::truth::Truth;
 use crate::io::load::LoadOptions;
 use crate::io::output::{self, OutputGuard, is_standard_output, note, shell_word};
-use crate::io::{own_file, scene_file};
+use crate::io::{losses, own_file};
 use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, Dataset, grouped, synth};
 use splatgraph_reference::Rules;
@@ -234,7 +234,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let Some(output) = &args.output else { return Ok(Outcome::Done) };
     let stdout = Stdout::of([args.output.as_deref(), args.cameras.as_deref()].into_iter().flatten());
     output::write(output, |mut out| Ok(scene.write_ply_to(&mut out)?))?;
-    let (splats, bytes) = (scene_file::splats(scene.count().into()), scene.size_breakdown().file_bytes);
+    let (splats, bytes) = (losses::splats(scene.count().into()), scene.size_breakdown().file_bytes);
     stdout.line(&format!("{}: {splats}, {} bytes", output.display(), grouped(bytes)))?;
     if args.cameras.is_none() && views.is_some() && !is_standard_output(output) {
         let path = output.with_extension("cameras.json");

@@ -1,7 +1,7 @@
 //! Finds cameras that see no splat. Their pictures are empty, and therefore equal for every renderer.
 
 use crate::draw::truth::Truth;
-use crate::io::scene_file::splats;
+use crate::io::losses::splats;
 use rayon::prelude::*;
 use splatgraph_assets::{Camera, Filter, Scene};
 use splatgraph_framework::plan::Plan;
@@ -57,7 +57,7 @@ pub fn rules_of(plan: Option<&Plan>, scene: &Scene, camera: &Camera) -> Rules {
     rules
 }
 
-/// Counts the splats whose centres are in the picture, and those of them that are beyond the near plane.
+/// Counts the splats whose centres are in the picture, without and with the near plane.
 fn in_picture(scene: &Scene, (camera, rules): &View) -> [usize; 2] {
     [0.0, rules.near].map(|near| {
         let wide = Rules { near, low_pass: Rules::PUBLISHED.low_pass, ..rules.clone() };

@@ -5,6 +5,7 @@ pub mod film;
 pub(crate) mod folders;
 pub mod image;
 pub mod load;
+pub mod losses;
 pub(crate) mod named_file;
 mod outliers;
 pub mod output;

@@ -6,8 +6,9 @@
 use super::latest::Latest;
 use super::renderer::Wake;
 use crate::draw::splat_set::SplatSet;
+use crate::io::losses::Original;
 use crate::io::output::{self, OutputGuard};
-use crate::io::scene_file::{self, Original};
+use crate::io::scene_file;
 use splatgraph_assets::{FileNotes, Scene};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};

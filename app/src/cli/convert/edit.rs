@@ -5,8 +5,8 @@ use crate::cli::look_at::direction;
 use crate::cli::outcome::Usage;
 use crate::draw::splat_set::SplatSet;
 use crate::io::load::LoadOptions;
+use crate::io::losses::{self, Original};
 use crate::io::output::{one_line, say};
-use crate::io::scene_file::{self, Original};
 use anyhow::{Result, bail};
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
@@ -301,7 +301,7 @@ impl EditArgs {
                 bail!("expected --transform to leave a splat, found none left of {}: {lost}", scene.count());
             }
             if lost.total() > 0 {
-                loss = Some(format!("--transform: {} dropped ({lost})", scene_file::splats(lost.total())));
+                loss = Some(format!("--transform: {} dropped ({lost})", losses::splats(lost.total())));
                 let mut at = 0..;
                 first_indices.retain(|_| at.next().is_some_and(|at| self.keeps(&scene, at, moved.offset())));
             }

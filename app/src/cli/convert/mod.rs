@@ -9,9 +9,10 @@ use super::outcome::{Outcome, Usage};
 use super::stdout::Stdout;
 use crate::draw::{blind, camera};
 use crate::io::load::LoadOptions;
+use crate::io::losses::{self, Losses, Original};
 use crate::io::output::{OutputGuard, is_standard_output, say, shell_word};
 use crate::io::progress::Progress;
-use crate::io::scene_file::{self, Losses, Original};
+use crate::io::scene_file;
 use anyhow::{Result, bail};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use edit::EditArgs;
@@ -167,7 +168,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         truth = truth.or_else(|| output.is_none().then_some(whole));
     }
     let Some((output, format)) = output else {
-        let mut losses = scene_file::not_loaded(&originals);
+        let mut losses = losses::not_loaded(&originals);
         transform_loss.iter().for_each(say);
         losses.extend(transform_loss);
         let lost = json!({ "dropped": dropped, "losses": losses });
@@ -213,7 +214,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let stdout = Stdout::of(written.into_iter().flatten());
     let before = originals[0].1;
     let (path, from, size) = (args.input.display(), &before.format, grouped(before.file_bytes));
-    let splats = scene_file::splats(before.count);
+    let splats = losses::splats(before.count);
     stdout.line(&format!("{path}: {from}, {splats} of degree {}, {size} bytes", before.degree))?;
     if bytes == 0 {
         // A scene has at least one splat, so 0 bytes mean a closed pipe.
@@ -228,7 +229,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     let (path, to) = (output.display(), format.extension());
     let count = u64::from(scene.count());
-    let splats = if count == before.count { String::new() } else { scene_file::splats(count) + ", " };
+    let splats = if count == before.count { String::new() } else { losses::splats(count) + ", " };
     let size = grouped(bytes);
     stdout.line(&format!("{path}: {to}, {splats}{size} bytes, {percent:.1} % of {originals}"))?;
     for loss in lost.losses.iter().chain(&lost.chosen_losses) {
@@ -237,7 +238,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     for loss in &lost.invisible_losses {
         stdout.line(&format!("  lost, but in no picture: {loss}"))?;
     }
-    if let Some(empty) = scene_file::empty_bands(&scene, format) {
+    if let Some(empty) = losses::empty_bands(&scene, format) {
         stdout.line(&format!("  {empty}"))?;
     }
     Ok(Outcome::Done)

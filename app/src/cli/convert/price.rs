@@ -4,9 +4,9 @@ use super::edit::EditArgs;
 use crate::cli::outcome::{Outcome, Usage, refuse_without};
 use crate::cli::{cameras, loading, options};
 use crate::draw::blind;
+use crate::io::losses;
 use crate::io::output::{OutputGuard, say};
 use crate::io::report::text;
-use crate::io::scene_file;
 use crate::studies::price::{self, Found, Price};
 use anyhow::{Error, Result};
 use serde_json::{Value as Json, json};
@@ -98,8 +98,8 @@ impl PriceArgs {
         }
         let (splats, of) = (scene.count(), original.count());
         let notes = |format: SceneFormat| {
-            let coarse = scene_file::coarse_positions(&scene, format);
-            let notes = coarse.into_iter().chain(scene_file::empty_bands(&scene, format));
+            let coarse = losses::coarse_positions(&scene, format);
+            let notes = coarse.into_iter().chain(losses::empty_bands(&scene, format));
             notes.map(move |note| format!("{}: {note}\n", format.extension())).collect::<String>()
         };
         let notes: String = formats.iter().copied().map(notes).collect();

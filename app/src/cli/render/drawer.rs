@@ -214,11 +214,11 @@ impl Drawer {
             With::Device { session, .. } => Ok(blind::rules_of(session.plan(), scene, camera)),
             With::Exact { .. } => truth::rules(Rules::of_view(scene, camera), &args.rule),
         };
-        let drawn = views.iter().map(|view| &cameras[*view]);
-        let drawn: Result<Vec<_>, _> =
-            drawn.map(|camera| rules(camera).map(|rules| (camera, rules))).collect();
         // Cameras of files that are far from the scene were reported when they were read.
         if args.look.has_camera() || loading::stray_cameras(cameras, scene).is_none() {
+            let drawn = views.iter().map(|view| &cameras[*view]);
+            let drawn: Result<Vec<_>, _> =
+                drawn.map(|camera| rules(camera).map(|rules| (camera, rules))).collect();
             // A panorama has no --fov.
             loading::tell_blind(scene, (blind, views.len()), &drawn?, "`--orbit 1`");
         }

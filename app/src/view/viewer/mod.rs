@@ -18,7 +18,7 @@ use crate::draw::backend::Backend;
 use crate::draw::camera_path::{self, CameraPath, Playback};
 use crate::draw::pick::{Picked, pick};
 use crate::draw::splat_set::{Masked, SplatSet};
-use crate::io::{output, scene_file};
+use crate::io::{losses, output};
 use glam::DVec3;
 use splatgraph_api::{BackendError, Device, Running};
 use splatgraph_assets::{Camera, Scene, grouped, names_scenes};
@@ -151,7 +151,7 @@ impl Viewer {
         let renderer = Renderer::new(RendererId::A, device, Choice::new(graph, set), wake.clone())?;
         let mut scene_watch = SceneWatch::default();
         scene_watch.follow(RendererId::A, &path, opening::files(&path), &wake)?;
-        let notes = scene_file::notes(&scene);
+        let notes = losses::notes(&scene);
         let notes = (!notes.is_empty()).then(|| Event::SceneNotes { path: path.clone(), notes });
         let subject = Subject::new(scene, path, wake.clone());
         Ok(Viewer {

@@ -7,7 +7,7 @@ use super::subject::{Marks, Subject};
 use super::{Viewer, plural};
 use crate::draw::camera_path;
 use crate::io::load::LoadOptions;
-use crate::io::{output, scene_file};
+use crate::io::{losses, output};
 use crate::view::events::{Event, RendererId};
 use crate::view::opening::{self, CamerasBeside, Opened, OpenedScene, ReadScene};
 use glam::DVec3;
@@ -185,7 +185,7 @@ impl Viewer {
             Ok(OpenedScene { scene, cameras, load_ms }) => {
                 self.follow(id, &path, files);
                 self.scene_errors[opening::index(id)] = None;
-                let (splats, notes) = (scene.count(), scene_file::notes(&scene));
+                let (splats, notes) = (scene.count(), losses::notes(&scene));
                 self.events.push(Event::Scene { path: path.clone(), splats, load_ms });
                 if !notes.is_empty() {
                     self.events.push(Event::SceneNotes { path: path.clone(), notes });
@@ -282,9 +282,9 @@ impl Viewer {
         is_its_own && self.scene_path_of(id) == path
     }
 
-    /// Shows the scene of request `number`. Its cameras are the restored ones, or else those of a later request, those
-    /// beside the scene, or those that the user named. A scene that was loaded again keeps the view and the cameras. So
-    /// does one that is at the same place and has the same cameras, such as another file of the same capture.
+    /// Shows the scene of request `number`. Its cameras are the first of: restored cameras, the cameras of a later
+    /// request, the file beside the scene, and the file that the user named. A reloaded scene keeps the view and the
+    /// cameras. So does a scene at the same place with the same cameras, such as another file of the capture.
     fn show_scene(&mut self, subject: Subject, number: u64, beside: Option<CamerasBeside>) {
         let restored = self.restored_cameras.take();
         if self.reloads(RendererId::A, &subject.path) {

@@ -1,0 +1,133 @@
+//! Draws the views of `splatgraph evaluate`, writes their pictures, and describes what the scores depend on.
+
+use super::work::{Args, FOLDERS, Work, picture};
+use crate::cli::loading;
+use crate::cli::options;
+use crate::cli::outcome::claim_graph_files;
+use crate::cli::render::Renderer;
+use crate::draw::backend::Backend;
+use crate::draw::fit;
+use crate::draw::outputs;
+use crate::draw::session::Session;
+use crate::draw::stats;
+use crate::draw::truth::Truth;
+use crate::io::image::Image;
+use crate::io::program;
+use crate::studies::evaluation::Evaluation;
+use anyhow::{Context, Result};
+use serde_json::{Map, Value as Json, json};
+use splatgraph_api::Device;
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_reference::Rules;
+use std::sync::Arc;
+
+/// Field of the JSON with the value of [`origin`].
+pub const ORIGIN: &str = "origin";
+
+pub enum Drawer {
+    Device(Box<Session>),
+    Reference(Arc<Scene>),
+}
+
+impl Drawer {
+    /// Loads the scene, unless it is given, while the device is opened. The exact renderer needs no device.
+    ///
+    /// Prepares the plan for the first view that can be drawn, and registers the graph's files as inputs.
+    pub fn open(args: &Args, work: &mut Work, scene: Option<Arc<Scene>>) -> Result<Drawer> {
+        let load = |cancel: &_| {
+            let load = || loading::load_scene_unless(cancel, &args.scene, &args.load).map(Arc::new);
+            scene.map_or_else(load, Ok)
+        };
+        let Renderer::Device(api) = args.backend else {
+            return Ok(Drawer::Reference(load(&loading::NEVER)?));
+        };
+        let open = || {
+            let device = Backend::open(api, &args.device.options())?;
+            fit::check_header(&args.scene, &args.load, device.info(), &args.pipeline, &args.set)?;
+            Ok(device)
+        };
+        let (device, scene) = loading::open_and_load(open, load)?;
+        let mut session = Session::new(device, scene, &args.pipeline, &args.set);
+        if let Some(camera) = work.views.iter().find_map(|view| view.drawn(work.downscale).ok()) {
+            session.prepare((camera.width, camera.height), &mut |_| {})?;
+        }
+        claim_graph_files(&mut work.guard, &session.files())?;
+        Ok(Drawer::Device(Box::new(session)))
+    }
+
+    pub fn scene(&self) -> &Scene {
+        match self {
+            Drawer::Reference(scene) => scene,
+            Drawer::Device(session) => session.scene(),
+        }
+    }
+
+    /// Draws a view from a camera in world coordinates.
+    pub fn draw(&mut self, camera: &Camera, background: [f32; 3]) -> Result<Image> {
+        match self {
+            Drawer::Reference(scene) => {
+                let camera = camera.relative_to(scene.offset());
+                Ok(Truth::draw(scene, &camera, background, &Rules::of_view(scene, &camera))?.image())
+            }
+            Drawer::Device(session) => {
+                let camera = camera.relative_to(session.scene().offset());
+                Ok(outputs::draw(session, &camera, background)?.colour)
+            }
+        }
+    }
+}
+
+/// Writes the pictures of a view to the folder of `--output`, if any.
+pub fn save(args: &Args, stem: &str, drawn: &Image, photograph: &Image) -> Result<()> {
+    let Some(output) = &args.output else { return Ok(()) };
+    let difference = Image::difference(drawn, photograph, 10.0);
+    for (folder, image) in FOLDERS.into_iter().zip([drawn, photograph, &difference]) {
+        image.save(&picture(output, folder, stem))?;
+    }
+    Ok(())
+}
+
+pub fn request(args: &Args) -> Json {
+    let graph = match args.backend {
+        Renderer::Device(_) => json!(args.pipeline),
+        Renderer::Reference => json!(null),
+    };
+    json!({
+        "scene": options::text_of(&args.scene), "dataset": options::text_of(&args.cameras),
+        "backend": args.backend.to_string(), "pipeline": graph,
+        "set": args.set, "downscale": args.downscale, "photographs": args.photographs.as_deref().map(options::text_of), "all": args.all,
+        "background": args.background, "ignore_tags": args.load.ignore_tags, "level": args.load.level,
+    })
+}
+
+/// Describes what the scores depend on besides the request.
+///
+/// These are the program, the device, the graph that is drawn, and how photographs are made smaller. For the exact
+/// renderer, the device and the graph are null. The graph is also null if no view can be drawn.
+pub fn origin(drawer: &mut Drawer, downscaled: Option<&str>) -> Result<Json> {
+    let (device, plan) = match drawer {
+        Drawer::Reference(_) => (None, None),
+        Drawer::Device(session) => {
+            let info = session.device().info();
+            (Some(format!("{} ({})", info.name, info.driver)), session.plan())
+        }
+    };
+    let parameters = plan.map(|plan| -> Map<String, Json> {
+        plan.params.iter().map(|param| (param.name.clone(), stats::json(&param.value))).collect()
+    });
+    Ok(json!({
+        "version": program::VERSION,
+        "program": program::hash().context("the program's file cannot be read")?,
+        "device": device,
+        "based_on": plan.map(|plan| &plan.based_on),
+        "parameters": parameters,
+        "downscaled": downscaled,
+    }))
+}
+
+pub fn as_json(mut request: Json, found: &Evaluation) -> String {
+    request["views"] = json!(found.views);
+    request["missing"] = json!(found.missing);
+    request["mean"] = json!(found.mean);
+    format!("{request:#}")
+}
