@@ -30,7 +30,8 @@ pub(super) fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagn
     ])
 }
 
-/// Explains an undeclared name that is a live parameter of another graph; `live.glsl` has those of the pass's own.
+/// Explains an undeclared name that is a live parameter of another graph. `live.glsl` declares only the parameters of
+/// the pass's graph.
 fn of_another_graph(lowered: &Lowered, error: Diagnostic) -> Diagnostic {
     let unknown =
         error.message.strip_prefix('`').and_then(|rest| rest.strip_suffix("`: undeclared identifier"));

@@ -496,8 +496,8 @@ pub(super) fn included(
     Ok((param, params))
 }
 
-/// Generates `live.glsl` for a graph: the block of live parameters with those of `params`; only a comment if there are
-/// none. The other graphs' parameters have no names here, which could be names in the graph's shaders.
+/// Generates `live.glsl` for a graph: the block of live parameters with the members in `params`, or only a comment if
+/// none is live. Members of other graphs are left out: their names could clash with names in the graph's shaders.
 pub(super) fn live_glsl(params: &[Param]) -> String {
     let member = |param: &Param| {
         let ParamBinding::Live { offset } = param.binding else { return None };

@@ -260,7 +260,7 @@ impl Sources {
         }
     }
 
-    /// Explains an error about a second declaration in a unit: the unit, or one that includes it, is included twice.
+    /// Adds both `#include`s to an error about a second declaration: the unit, or a unit around it, is included twice.
     pub fn with_second_include(&self, error: Diagnostic, mut unit: usize, files: &SourceMap) -> Diagnostic {
         while unit > 0 {
             let includes = self.includes_of(unit);
