@@ -192,7 +192,8 @@ impl Camera {
         Self::framing_upright(scene, scene.up(), None, (width, height))
     }
 
-    /// Creates a camera that frames most of a scene, upright with respect to the vector `up`, of any length.
+    /// Creates a camera that frames most of a scene, upright with respect to the vector `up`, of any length. Its
+    /// position is relative to [`Scene::offset`].
     ///
     /// It looks along +z and 12 degrees down (+y), rotated so that `up` is up, from a distance at which the box
     /// [`Scene::robust_bounds`] fits with a margin of 8 %, but at least 1 unit. `fov` is the horizontal field of view, in
@@ -354,7 +355,8 @@ impl Camera {
         Self { width, height, fx: self.fx * x, fy: self.fy * y, principal_offset, ..self.clone() }.rounded()
     }
 
-    /// Converts a pinhole camera to another projection, with the same position and about the same view.
+    /// Converts a pinhole camera to another projection, with the same position and, except for a panorama, about the
+    /// same view.
     ///
     /// A fisheye view keeps its scale at the picture's centre. An orthographic one keeps it at the distance of the
     /// centre of [`Scene::robust_bounds`]. Cameras with a projection other than pinhole are returned unchanged.

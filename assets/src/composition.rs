@@ -61,7 +61,7 @@ pub(crate) struct Placed {
     pub file: PathBuf,
     /// Transform from the scene's coordinates to the world's.
     pub by: Similarity,
-    /// Line and column of the file's name in the list, from 1.
+    /// Line and column of the part's key `file` in the list, from 1.
     pub at: (usize, usize),
 }
 
@@ -82,7 +82,7 @@ pub(crate) fn begins_as_scenes(head: &[u8]) -> bool {
     }
 }
 
-/// Parses the text of a file in `folder`. Fails if it names no scene.
+/// Parses the text of a file in `folder`. Fails for invalid text or numbers out of range, and if it names no scene.
 pub(crate) fn parse(text: &str, folder: &Path) -> Result<Vec<Placed>, SceneError> {
     let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
     let scenes: Scenes = ron::from_str(text).map_err(|error| {
@@ -159,11 +159,13 @@ fn placed(part: Part, at: (usize, usize), folder: &Path) -> Result<Placed, Scene
 }
 
 impl Scene {
-    /// Returns true if a part of this scene has the splats of a part of another, wherever each is placed.
+    /// Returns true if `own`, a part of this scene, has the splats of `part`, a part of `other`, wherever each is
+    /// placed.
     ///
     /// Compares their number, opacities and colours of band 0, which a placement does not change.
     pub fn has_splats_of(&self, own: &ScenePart, other: &Self, part: &ScenePart) -> bool {
-        /// Tolerance of a coefficient of band 0: harmonics are rotated with the scene, which rounds them.
+        /// Tolerance of a coefficient, relative to 1 plus its absolute value. In exact arithmetic, a rotation does not
+        /// change band 0; the rotation matrix is rounded.
         const ROUNDING: f32 = 1e-4;
         if own.splats.len() != part.splats.len() {
             return false;

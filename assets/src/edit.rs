@@ -200,7 +200,7 @@ impl Scene {
         }
     }
 
-    /// Adds a mesh, given in world coordinates and transformed by `by`, to the scene's mesh.
+    /// Adds a mesh, which is in the world's coordinates before `by` transforms it, to the scene's mesh.
     pub fn beside(self, mesh: &Mesh, by: &Similarity) -> Self {
         let mut all = self.mesh().cloned().unwrap_or_default();
         all.append(&mesh.transformed(by, [0.0; 3], self.offset()));

@@ -48,7 +48,7 @@ pub enum SceneError {
     Unsupported {
         /// The format's name, with its article.
         format: &'static str,
-        /// A way to get a supported file.
+        /// What to do, or what is supported instead: the clause that ends the message.
         advice: &'static str,
     },
 
@@ -107,9 +107,9 @@ pub enum SceneError {
     /// A scene of a composition cannot be loaded.
     #[error("line {line}, column {column}: {error}")]
     Placed {
-        /// Line of the entry, from 1.
+        /// Line of the entry's key `file`, from 1.
         line: usize,
-        /// Column of the entry, from 1.
+        /// Column of the entry's key `file`, from 1.
         column: usize,
         /// Error of the entry's file.
         error: Box<LoadError>,

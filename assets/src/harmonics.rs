@@ -10,7 +10,7 @@ use glam::{DQuat, DVec3};
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 
-/// Evaluates the sixteen basis functions of degree 3 at a unit direction.
+/// Evaluates the sixteen basis functions of degrees 0 to 3 at a unit direction.
 ///
 /// Source of the constants: the orthonormal real harmonics, sqrt((2l+1)/(4 pi) (l-m)!/(l+m)!), times sqrt(2) for
 /// m != 0. The signs of odd m are negative, as in the reference.

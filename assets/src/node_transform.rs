@@ -6,7 +6,9 @@ use crate::similarity::Similarity;
 use crate::spz;
 use glam::{DQuat, DVec3};
 
-/// Largest absolute coordinate of a node's origin, in world units. Beyond it, positions are relative to that origin.
+/// Coordinate of a node's origin, in world units, beyond which its positions are relative to that origin.
+///
+/// Positions are rounded to f32, which is coarse far from 0.
 const FAR: f64 = 4096.0;
 
 /// A transform from the space of a node to a scene's. In the node's world, x points left, y up and z to the front.

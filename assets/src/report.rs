@@ -25,7 +25,7 @@ const MAX_HALF: f64 = 65_504.0;
 pub struct Report {
     /// Tags of the file.
     pub file: FileNotes,
-    /// Number of splats that can be drawn.
+    /// Number of splats, without dropped ones.
     pub splats: u32,
     /// Counts of the dropped splats, by reason.
     pub dropped: Dropped,
@@ -93,11 +93,11 @@ pub struct PlaceReport {
 /// View depths of the splats beyond a camera's near plane ([`NEAR`]), whether inside the image or not.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DepthReport {
-    /// Name of the camera, or its number.
+    /// Name of the camera; its `id` if it has none.
     pub camera: String,
     /// Number of splats beyond the near plane.
     pub in_front: u64,
-    /// Range of their depths; `None` if there are none.
+    /// Range of the depths of these splats; `None` if there are none.
     pub range: Option<DepthRange>,
 }
 
@@ -119,7 +119,8 @@ pub struct DepthRange {
 }
 
 impl Report {
-    /// Examines a scene. Without `cameras`, depths are for the camera of [`Camera::framing`].
+    /// Examines a scene. `cameras` are in the scene's coordinates ([`Camera::relative_to`]); without any, depths are
+    /// for the camera of [`Camera::framing`].
     pub fn new(scene: &Scene, cameras: &[Camera]) -> Self {
         let (robust_bounds, offset) = (scene.robust_bounds(), scene.offset());
         let robust_extent = robust_bounds.extent();

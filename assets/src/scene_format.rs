@@ -101,7 +101,8 @@ impl SceneFormat {
         matching.max_by_key(|(_, end)| end.len()).map(|(format, _)| format)
     }
 
-    /// Lists what a scene with harmonics of `degree` loses in this format, one phrase per kind of value.
+    /// Lists what a scene with harmonics of `degree` loses in this format, one phrase per kind of value. Empty for
+    /// exact formats, and for formats that are not written.
     pub fn losses(self, degree: u32) -> Vec<&'static str> {
         const MORTON: &str = "the order of the splats: they follow a Morton curve, so indices and selections of the original do not fit";
         let mut losses = match self {

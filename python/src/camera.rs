@@ -1,4 +1,5 @@
-//! Wraps a camera.
+//! Defines the Python class `Camera`: loads, saves and makes cameras, and converts their matrices from and to NumPy
+//! arrays.
 
 use crate::arrays::{give, take};
 use crate::errors::{Error, SceneError};

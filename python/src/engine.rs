@@ -323,8 +323,8 @@ fn serve(session: &mut Session, requests: &Receiver<Request>) {
     }
 }
 
-/// Submits the frame of a request, and builds the plan first if necessary. Replies with an error, and then returns
-/// false.
+/// Submits the frame of a request, and builds the plan first if necessary. If that fails, replies with the error and
+/// returns false.
 fn start(session: &mut Session, flying: &mut VecDeque<(FrameId, Draw)>, draw: Draw) -> bool {
     let size = (draw.camera.width, draw.camera.height);
     if !session.is_prepared(size) {

@@ -1,4 +1,4 @@
-//! Wraps a command's views, for the workers of a cluster.
+//! Defines the class `Job`, which runs a command's views on the workers of a cluster.
 
 use crate::errors::Error;
 use crate::wait;

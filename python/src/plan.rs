@@ -1,4 +1,4 @@
-//! Wraps plans: the result of building a graph.
+//! Defines the Python class `Plan`, the result of building a graph, and the function that builds one.
 
 use crate::errors;
 use crate::scene::Scene;

@@ -1,4 +1,4 @@
-//! Wraps a scene.
+//! Defines the Python class `Scene`: loads and saves files, and converts from and to NumPy arrays.
 
 use crate::arrays::{Array, give, take};
 use crate::errors::{Error, SceneError};
@@ -263,7 +263,7 @@ fn alike(scene: assets::Scene, like: &assets::Scene) -> assets::Scene {
     }
 }
 
-/// Rejects an array with a finite value that `is_wrong`. Splats with other values are dropped later.
+/// Rejects an array with a finite value that `is_wrong`. Splats with values that are not finite are dropped later.
 ///
 /// `hint` names the usual cause: the logits or logarithms that files store.
 fn check(array: &Array<f32>, is_wrong: impl Fn(f32) -> bool, expected: &str, hint: &str) -> PyResult<()> {

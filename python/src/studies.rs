@@ -171,7 +171,9 @@ pub fn trade<'py>(
     errors::to_python(py, &all)
 }
 
-/// Describes a scene and searches for settings: see `splatgraph.advise`. Returns a dict.
+/// Describes a scene and, if there is a budget, searches for settings: see `splatgraph.advise`. Returns a dict.
+///
+/// `budget` is the minimum PSNR in decibels and the maximum frame time in milliseconds; both `None` means no search.
 #[pyfunction]
 #[pyo3(signature = (scene, cameras, pipeline, params, budget, errors, effort, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "the package has one caller, with defaults")]

@@ -294,7 +294,7 @@ impl Dataset {
     /// Formats the files of a COLMAP model, with their names: `cameras.txt`, `images.txt` and a `points3D.txt` without
     /// points.
     ///
-    /// A photograph's name is its camera's `img_name` and `extension`.
+    /// A photograph's name is its camera's `img_name`, a dot and `extension`.
     ///
     /// # Errors
     /// A camera is neither a pinhole nor a fisheye.

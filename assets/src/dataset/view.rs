@@ -30,14 +30,15 @@ pub struct Dataset {
     /// The views, in the order of the dataset's file; COLMAP's in the order of the photographs' names. Blender's test
     /// views, which have their own file, come first.
     pub views: Vec<View>,
-    /// Folder that the photographs' paths are relative to, if the dataset specifies it.
+    /// Folder that the photographs' paths are relative to. `None` for a `cameras.json`, glTF, and a COLMAP model
+    /// without a folder `images` nearby.
     pub photographs: Option<PathBuf>,
     /// Files that the cameras were read from; empty for a parsed text.
     pub files: Vec<PathBuf>,
     /// The `dataparser_transforms.json` that moved the cameras to the space of nerfstudio's scene, if there is one.
     pub alignment: Option<PathBuf>,
-    /// Folders of the other models of COLMAP's reconstruction, if the first one was found in `sparse/0`. COLMAP writes
-    /// one model for each group of photographs that it cannot join.
+    /// Folders of the other models of COLMAP's reconstruction, if the first one was found in `sparse/0` or `0`. COLMAP
+    /// writes one model for each group of photographs that it cannot join.
     pub other_models: Vec<PathBuf>,
     /// Names of test photographs in the dataset (`test_filenames`) that no view has.
     pub unmatched: Vec<String>,

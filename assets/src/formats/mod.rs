@@ -259,7 +259,8 @@ impl SceneFormat {
 }
 
 impl Scene {
-    /// Loads a scene file of any [`SceneFormat`], a folder of SOG, or a composition of several scenes (`.ron`).
+    /// Loads a scene file of any [`SceneFormat`], a folder of SOG or of a training, or a composition of several scenes
+    /// (`.ron`).
     ///
     /// The format is recognised by the file's bytes. A streamed SOG is loaded at its finest level.
     ///
@@ -426,8 +427,8 @@ impl Scene {
     /// Writes the scene in a format, in the world's coordinates.
     ///
     /// All formats but [`SceneFormat::Ply`] and [`SceneFormat::Gltf`] round the values: [`SceneFormat::losses`]
-    /// describes how. [`SceneFormat::Gltf`] rounds only wide positions: see [`Scene::position_rounding`].
-    /// Only [`SceneFormat::Sog`] calls `progress`, with the share done and 100.
+    /// describes how. [`SceneFormat::Gltf`] rounds only wide positions: see [`Scene::position_rounding`]. Only
+    /// [`SceneFormat::Sog`] calls `progress`, with the share done in percent, and 100.
     ///
     /// # Errors
     /// The writer fails, `progress` cancels ([`Interrupted`](std::io::ErrorKind::Interrupted)), the format cannot store

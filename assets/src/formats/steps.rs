@@ -13,7 +13,7 @@ use std::fmt;
 /// Steps of positions that are larger than the splats.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LargeSteps {
-    /// Largest step of a splat that is smaller than its step, in world units.
+    /// Largest step among the splats that are smaller than their step, in world units.
     pub largest: f64,
     /// Number of splats whose largest standard deviation is less than the step of their position.
     pub splats: u64,

@@ -90,7 +90,7 @@ pub(crate) struct Layout {
 /// An element's properties `f_rest_*`, the harmonics above band 0.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Rest {
-    /// Coefficients of a channel in the file.
+    /// Number of coefficients above band 0 per channel, in the file.
     stored: usize,
     /// Degree of the harmonics that are read.
     pub degree: u32,
@@ -119,7 +119,7 @@ impl Rest {
         }
     }
 
-    /// Returns the number of coefficients of a channel that are read.
+    /// Returns the number of coefficients above band 0 per channel that are read.
     fn read(self) -> usize {
         sh_floats(self.degree) / 3 - 1
     }

@@ -67,8 +67,8 @@ impl Scene {
 
     /// Writes the scene as a PLY file in the reference layout, with its stored degree, in the world's coordinates.
     ///
-    /// Logarithms and logits are rounded to f32, so a scene read back agrees to about 1e-6, but is not bit-identical.
-    /// An opacity of 0 or 1 and a scale of 0 are written as finite values that read back unchanged.
+    /// Logarithms and logits are rounded to f32, so a scene read back agrees to a relative error of about 1e-6, but is
+    /// not bit-identical. An opacity of 0 or 1 and a scale of 0 are written as finite values that read back unchanged.
     ///
     /// # Errors
     /// The file cannot be created or written.

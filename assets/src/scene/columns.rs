@@ -173,7 +173,8 @@ impl Columns {
     }
 }
 
-/// Moves the values of the splats that each chunk kept behind those of the chunks before. A splat has `width` values.
+/// Moves each chunk's stored values directly behind those of the previous chunk. `kept` has the number of splats that
+/// each chunk stored; a splat has `width` values.
 fn close_gaps<T: Copy>(values: &mut Vec<T>, width: usize, kept: &[usize]) {
     if values.is_empty() {
         return;

@@ -10,7 +10,7 @@ use std::fmt;
 pub struct Dropped {
     /// Splats with a coordinate that is NaN, infinite, or beyond the range of f32.
     pub position: u64,
-    /// Splats with a scale that is NaN or infinite, as a logarithm or after the exponential.
+    /// Splats with a scale that is NaN or infinite. A logarithm of negative infinity is a scale of 0, which is kept.
     pub scale: u64,
     /// Splats with a component of the quaternion that is NaN or infinite.
     pub rotation: u64,

@@ -36,7 +36,7 @@ use tracing::info_span;
 /// Opacity below which the reference rasteriser never draws a splat.
 pub const ALPHA_FLOOR: f32 = 1.0 / 255.0;
 
-/// Rounding error of positions that is ignored, relative to the splat's largest standard deviation.
+/// Rounding error of positions below which it is ignored, relative to the splat's largest standard deviation.
 const INVISIBLE: f32 = 1.0 / 16_384.0;
 
 /// The range of a scene's coefficients and colours, which storage formats must cover.
@@ -98,7 +98,7 @@ impl Scene {
     /// Computes the host memory in bytes of a scene of `count` splats, statistics included.
     ///
     /// Its arrays take 44 + 4 * [`sh_floats`] bytes per splat, and computing robust bounds temporarily copies the
-    /// positions.
+    /// positions. Wide positions ([`Scene::is_wide`]) take 12 bytes more.
     pub fn host_bytes(count: u64, stored_degree: u32) -> u64 {
         Columns::host_bytes(count, stored_degree)
     }
@@ -269,9 +269,9 @@ impl Scene {
 
     /// Returns the world's coordinates of the scene's origin.
     ///
-    /// Positions, boxes and cameras are relative to it everywhere except in files. It is 0 unless the file's
-    /// coordinates exceed the precision of f32; [`Camera::relative_to`](crate::Camera::relative_to) translates cameras
-    /// from the world into the scene.
+    /// The scene's positions and boxes, and the cameras that draw it, are relative to it; files and reports have the
+    /// world's coordinates. It is 0 unless the file's coordinates exceed the precision of f32;
+    /// [`Camera::relative_to`](crate::Camera::relative_to) translates cameras from the world into the scene.
     pub fn offset(&self) -> [f64; 3] {
         self.offset
     }
@@ -377,7 +377,8 @@ impl Scene {
         }
     }
 
-    /// Returns the counts of the splats dropped on load or by a transformation.
+    /// Returns the counts of the splats dropped on load or by a transformation. In the copies of [`Scene::picked`] and
+    /// [`Scene::cut_to_degree`], they begin at 0 again.
     pub fn dropped(&self) -> &Dropped {
         &self.gathered.dropped
     }
@@ -387,13 +388,14 @@ impl Scene {
         self.gathered.norms
     }
 
-    /// Returns the box around every centre; [`Bounds::ORIGIN`] for a scene without splats.
+    /// Returns the box around every centre, relative to [`Scene::offset`]; [`Bounds::ORIGIN`] for a scene without
+    /// splats.
     pub fn bounds(&self) -> Bounds {
         self.gathered.bounds
     }
 
-    /// Returns the box from the 1st to the 99th percentile of each coordinate, which ignores outliers. It is
-    /// [`Bounds::ORIGIN`] for a scene without splats. Computed once.
+    /// Returns the box from the 1st to the 99th percentile of each coordinate, which ignores outliers, relative to
+    /// [`Scene::offset`]. It is [`Bounds::ORIGIN`] for a scene without splats. Computed once.
     pub fn robust_bounds(&self) -> Bounds {
         *self.robust.get_or_init(|| {
             let _span = info_span!("find the robust bounds").entered();

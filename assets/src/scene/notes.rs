@@ -156,7 +156,7 @@ impl FileNotes {
         (!names.is_empty()).then(|| names.join(", "))
     }
 
-    /// Returns the tags that pictures depend on, each with the name and the value of the parameter that it sets.
+    /// Returns the tags that pictures depend on, as the names and values of the graph parameters that they set.
     pub fn rules(&self) -> [(&'static str, &'static str); 2] {
         [("low_pass", self.low_pass.name()), ("key_of", self.key_of.name())]
     }

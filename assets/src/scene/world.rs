@@ -1,4 +1,4 @@
-//! Generates scenes from positions of more precision than f32, such as those of surveyed scenes.
+//! Generates scenes from positions of more precision than f32, and finds out when f32 is too coarse.
 
 use super::gathered::CoarsePositions;
 use super::{Scene, Splat, normalised};
@@ -61,7 +61,8 @@ impl Scene {
         Ok(scene.with_offset(origin))
     }
 
-    /// Returns true if f32 suffices for positions in the world. It must shift no splat by more than 1/256 of its size.
+    /// Returns true if f32 suffices for positions in the world: rounding shifts no splat by more than 1/256 of its
+    /// size.
     ///
     /// Shifts of up to one step of floats at 8 times the median distance from the middle are allowed for every size.
     /// `size` returns a splat's largest standard deviation.

@@ -40,8 +40,8 @@ pub(crate) fn begins_as_json(head: &[u8]) -> bool {
     text.trim_start().starts_with('{') && text.contains("\"means\"") || levels::begins_as_levels(head)
 }
 
-/// Reads the header of a scene. `level` selects a level of a streamed scene; `None` is the finest. Fails if a level
-/// of another scene is selected.
+/// Reads the header of a scene. `level` selects a level of a streamed scene; `None` is the finest. Fails if a level of
+/// a scene that is not streamed is selected.
 pub(crate) fn header(
     source: &Source,
     path: Option<&Path>,

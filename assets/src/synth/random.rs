@@ -8,7 +8,7 @@ pub(crate) fn splitmix64(x: u64) -> u64 {
     x ^ x >> 31
 }
 
-/// A stream of random numbers. Each splat has its own, so splats can be generated in any order.
+/// A stream of random numbers. In the extreme scenes, each splat has its own, so splats can be generated in any order.
 pub(crate) struct Random(u64);
 
 impl Random {

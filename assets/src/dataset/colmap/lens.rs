@@ -147,7 +147,8 @@ fn ids(lenses: &Lenses) -> String {
     }
 }
 
-/// Adds the view of an image to a dataset. `lens` is the lens's ID. The rotation is a quaternion w, x, y, z.
+/// Adds the view of an image to a dataset. `lens` is the lens's ID. The pose is a quaternion w, x, y, z and a
+/// translation, from the world to the camera.
 pub(super) fn push(
     dataset: &mut Dataset,
     lenses: &Lenses,

@@ -28,7 +28,7 @@ pub(super) fn has_name_of_model(path: &Path) -> bool {
     has_extension && path.file_stem().is_some_and(|stem| stem == "cameras" || stem == "images")
 }
 
-/// Lists the models in other folders beside the one of a model, by name.
+/// Lists the folders of other models beside the folder `model`, sorted by name.
 pub(super) fn beside(model: &Path) -> Vec<PathBuf> {
     let entries = model.parent().and_then(|parent| parent.read_dir().ok()).into_iter().flatten().flatten();
     let is_other = |folder: &PathBuf| folder.file_name() != model.file_name() && is_folder(folder);

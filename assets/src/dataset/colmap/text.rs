@@ -13,7 +13,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::str::FromStr;
 
-/// Maximum length of a line, without the line feed. Lines of points are skipped, and can be longer.
+/// Maximum length of a line in bytes, without the line feed. Lines of points are skipped, and can be longer.
 const MAX_LINE: u64 = 64 << 10;
 
 struct Lines<'a> {
