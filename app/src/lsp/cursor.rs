@@ -14,7 +14,7 @@ pub enum Meaning {
     },
     /// A parameter of an included graph, as a key of `set` or in `Only`; or of a preset's graph.
     Parameter {
-        /// The graph, if the include names it in the scanned text.
+        /// The graph, if the include or the preset names it in the scanned text.
         graph: Option<String>,
     },
     /// A port of an included graph, as a key of `with`.
@@ -41,7 +41,8 @@ pub enum Meaning {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cursor {
     pub meaning: Meaning,
-    /// Byte range between the quotes, or up to the end of the line if the closing quote is missing.
+    /// Byte range between the quotes. If the closing quote is missing, up to the end of the line, or of the file if the
+    /// string begins in an earlier line.
     pub inside: Range<usize>,
 }
 

@@ -39,7 +39,7 @@ pub struct Workspace {
     pub has_built: bool,
 }
 
-/// Results of a graph's build. While the graph has errors, the public fields keep the values of its last valid version.
+/// Results of a graph's build. The public fields keep their last values while errors prevent new ones.
 #[derive(Default)]
 pub(super) struct Built {
     /// Descriptions of the resources, by name.
@@ -450,7 +450,7 @@ impl Workspace {
     }
 }
 
-/// Returns true for RON that is not meant as a graph, such as a list of scenes or another program's settings.
+/// Returns true for RON that is no graph, such as a list of scenes or another program's settings.
 fn is_foreign(text: &str) -> bool {
     let scan = Scan::of(text);
     let is_document = |name: &str| nearest(name, ["Graph", "Preset", "Choice"]).is_some();

@@ -470,7 +470,7 @@ impl Index {
         (offset <= found.end).then_some((key, found))
     }
 
-    /// Lists the places that declare the name at a byte offset, and the files that it names.
+    /// Lists the definitions of the name at a byte offset: declarations in graphs, words of shaders, and named files.
     pub fn definitions(&self, path: &str, offset: usize) -> Vec<Place> {
         let Some((_, found)) = self.at(path, offset) else { return Vec::new() };
         let declared = found.declarations.iter().map(|d| self.place_of(&self.declarations[*d]));
@@ -512,11 +512,10 @@ impl Index {
         self.declarations.iter().any(|declared| self.place_of(declared) == *place)
     }
 
-    /// Describes what `new` already means in one of these files, if this could be mistaken for the name at a byte
-    /// offset.
+    /// Describes what `new` already means in one of `files`, if it could be mistaken for the name at a byte offset.
     ///
-    /// Both then occur in expressions: `new` is a value, a resource, or the text of a choice or in an expression.
-    /// `None` if it is none of these.
+    /// `new` may be a value, a resource, an option of a choice, or a quoted text in an expression. `None` if it is none
+    /// of these, or if the name at the offset is that of a pass, an include or a statistic.
     pub fn other_meaning(
         &self,
         path: &str,

@@ -100,7 +100,7 @@ pub fn serve(connection: &Connection) -> Result<bool> {
     }
 }
 
-/// Asks the editor to report changes of graphs and shaders, because a shader can change without being open.
+/// Returns the request to report changes of graphs and shaders, because a shader can change without being open.
 fn registration() -> Request {
     let options = json!({ "watchers": [{ "globPattern": "**/*.{ron,comp,vert,frag,glsl}" }] });
     let method = DidChangeWatchedFiles::METHOD;

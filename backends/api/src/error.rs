@@ -73,7 +73,7 @@ pub enum BackendError {
         plan: String,
         /// The first pass that uses the pipeline; `?` if the compiler has not begun one.
         pass: String,
-        /// The shader; for a draw, the vertex shader.
+        /// The shader, for a draw the vertex shader; `?` as for `pass`.
         shader: String,
         /// Seconds waited.
         seconds: u64,
@@ -170,7 +170,7 @@ pub struct LimitExceeded {
 pub enum Unit {
     /// Bytes, displayed in mebibytes if large.
     Bytes,
-    /// A number of objects, of any kind.
+    /// A plain number, for instance of pixels, workgroups or bindings.
     Count,
 }
 

@@ -25,7 +25,8 @@ use std::time::Duration;
 /// Maximum number of frames in flight, per context.
 pub const FRAMES_IN_FLIGHT: usize = 2;
 
-/// Name in [`Device::memory`] of the buffers that read outputs back, which exist only after such a frame.
+/// Name in [`Device::memory`] of the buffers that read outputs back. The plan's first frame with
+/// [`FrameInputs::read_output`] creates them.
 pub const OUTPUT_READBACK: &str = "output readback";
 
 /// A physical device that a backend could open.
@@ -132,7 +133,7 @@ pub enum Validation {
     Off,
     /// The default checks.
     On,
-    /// The default checks and synchronization validation, which reports hazards.
+    /// The default checks and, with Vulkan, synchronization validation, which reports hazards.
     Synchronization,
 }
 
@@ -145,7 +146,7 @@ pub struct DeviceMemory {
     pub reserved: u64,
 }
 
-/// Supplies the bytes of the scene's attributes.
+/// A source of the bytes of the scene's attributes.
 pub trait SceneData: Sync {
     /// Copies bytes of plane `plane` of `attribute`, starting at `offset`, into `target`.
     ///
@@ -223,8 +224,9 @@ pub enum BufferContents {
 /// larger `minStorageBufferOffsetAlignment`.
 pub const ROWS_ALIGNMENT: u64 = 256;
 
-/// A frame's output on the device, kept because the frame was submitted with [`FrameInputs::show`]. It can be read
-/// until its context is dropped or shows a frame of another size or format.
+/// The output of a context's last frame with [`FrameInputs::show`], kept on the device. A later shown frame of equal
+/// size and format overwrites it. It can be read until its context is dropped or shows a frame of another size or
+/// format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Picture {
     /// Unique number among the pictures of a device.
@@ -279,7 +281,8 @@ pub struct FrameResult {
     pub stats: Vec<(String, u32)>,
     /// The output, if requested.
     pub output: Option<Pixels>,
-    /// The bytes of the inspected resources, in the order of the requests.
+    /// The bytes of the inspected resources, in the order of the requests. Images are in their GPU format, row 0 first,
+    /// rows tightly packed.
     pub inspected: Vec<Vec<u8>>,
 }
 
@@ -333,7 +336,7 @@ impl fmt::Debug for PixelBytes {
 pub enum Progress<'a> {
     /// A pipeline is about to be created.
     Pipeline {
-        /// Pipelines created so far.
+        /// Number of pipelines before this one. All of them are ready, created or reused.
         done: usize,
         /// Total pipelines of the plan.
         of: usize,
@@ -342,7 +345,7 @@ pub enum Progress<'a> {
     },
     /// The scene is being uploaded.
     Upload {
-        /// Bytes uploaded so far.
+        /// Bytes that the scene has supplied so far; copies of the last ones may still run.
         done_bytes: u64,
         /// Total bytes to upload.
         of_bytes: u64,
@@ -367,7 +370,7 @@ impl fmt::Debug for Compiled {
     }
 }
 
-/// Prepares a plan on any thread while frames of another plan are drawn.
+/// A handle that prepares one plan, on any thread, while frames of another plan are drawn.
 pub trait Loader: Send + 'static {
     /// A plan and all objects created for it.
     type Ready: Send + 'static;
@@ -409,7 +412,8 @@ pub trait Loader: Send + 'static {
     /// - [`BackendError::StuckCompiler`] if the driver takes longer than [`Options::compile_patience`] for a pipeline.
     ///   The compiler's thread is then abandoned, and the plan is refused with this error until the thread has ended.
     ///   Also if too many threads are abandoned and the oldest has exceeded that time.
-    /// - [`BackendError::OutOfMemory`], [`BackendError::Scene`], [`BackendError::Cancelled`], or a driver error.
+    /// - [`BackendError::OutOfMemory`], [`BackendError::Scene`], [`BackendError::Cancelled`], [`BackendError::Stuck`]
+    ///   if a copy of the upload takes longer than [`Options::patience`], or a driver error.
     fn prepare(
         self,
         plan: Plan,
@@ -452,7 +456,7 @@ pub trait Device: Sized {
     /// Makes the plan the current one, and lets the next frame run its prologue.
     ///
     /// Creates the plan's objects, and uploads the scene attributes that it reads. If that fails, the earlier plan
-    /// stays current. Does not wait for frames of the earlier plan; their results stay available. If both plans have a
+    /// stays current. Frames of the earlier plan can be in flight; their results stay available. If both plans have a
     /// history of equal name and shape, and the scene is unchanged, the new plan continues from the history's contents.
     fn load(
         &mut self,
@@ -487,11 +491,14 @@ pub trait Device: Sized {
     ///
     /// # Errors
     /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. Nothing is submitted
-    /// then. [`BackendError::Invalid`] if no plan is loaded, or the inputs do not fit it. If only the presentation
-    /// fails, the frame runs, but its result cannot be taken.
+    /// then. [`BackendError::Invalid`] if no plan is loaded, or the inputs do not fit it. [`BackendError::Limit`] or
+    /// [`BackendError::OutOfMemory`] if host buffers or copies are too large for the device.
+    /// [`BackendError::Unsupported`] if the device cannot present the output's format. If only the presentation fails,
+    /// the frame runs, but its result cannot be taken.
     fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError>;
 
-    /// Returns true if the last submitted frame was to be presented, but could not be shown in the window.
+    /// Returns true if the last submitted frame was to be presented, but could not be shown in the window. False
+    /// without a window.
     fn missed_window(&self) -> bool;
 
     /// Sets the window's size in pixels; a window of size 0 is hidden. Does nothing without a window.
@@ -531,6 +538,7 @@ pub trait Device: Sized {
     /// Returns the size and the available bytes of the largest device-local heap, as of now.
     fn heap(&self) -> Heap;
 
-    /// Returns the device's validation messages since the last call on any of its contexts; empty without validation.
+    /// Returns the device's messages since the last call on any of its contexts: those of validation, and with Metal
+    /// also the reason why a frame could not be captured.
     fn take_messages(&mut self) -> Vec<String>;
 }

@@ -81,7 +81,7 @@ pub enum Move {
     Barrier(MemoryBarrier),
 }
 
-/// Tracks the open encoder while a frame's passes are encoded, and lists the moves before each pass.
+/// A walk over a frame's passes, which tracks the open encoder and lists the moves before each pass.
 #[derive(Clone, Debug, Default)]
 pub struct Walk {
     division: Option<Division>,

@@ -60,7 +60,8 @@ pub enum Call {
     End,
     PushLabel(String),
     PopLabel,
-    /// The barriers before a pass or of the handover: the number of dependencies, and the layout changes.
+    /// The barriers before a pass or of the handover: the number of dependencies, and the layout changes (image, old,
+    /// new).
     Synchronize {
         dependencies: usize,
         images: Vec<(String, Layout, Layout)>,

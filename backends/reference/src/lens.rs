@@ -16,13 +16,13 @@ const MIN_SINE: f64 = 0.25;
 /// picture's whole width; the minimum keeps it from being infinitely wide.
 const MIN_COSINE: f64 = 1e-3;
 
-/// Maps view space to the image of one camera.
+/// The map from view space to the image of one camera.
 pub(crate) struct Lens {
     projection: Projection,
     /// Pixels per unit of the projection.
     focal: [f64; 2],
     size: [f64; 2],
-    /// [`Camera::principal_offset`].
+    /// Principal point, in pixels right and down from the image's centre: [`Camera::principal_offset`].
     principal_offset: [f64; 2],
     /// Tangents of half the fields of view, for a pinhole.
     tan: [f64; 2],
@@ -76,8 +76,8 @@ impl Lens {
     }
 
     /// Returns the rows of the Jacobian: the derivative of [`Lens::pixel`] with respect to the point. For a pinhole, x
-    /// / z and y / z are clamped by [`Rules::jacobian_clamp`] (`computeCov2D` in forward.cu), as far beyond each edge of
-    /// the picture as with the principal point in the middle.
+    /// / z and y / z are clamped by [`Rules::jacobian_clamp`] (`computeCov2D` in forward.cu), as far beyond each edge
+    /// of the picture as with the principal point in the middle.
     pub(crate) fn jacobian(&self, p: [f64; 3]) -> [[f64; 3]; 2] {
         let [x, y, z] = p;
         let [fx, fy] = self.focal;

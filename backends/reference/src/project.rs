@@ -33,7 +33,8 @@ pub(crate) struct Ellipse {
     /// Tiles that the splat touches: first column and row, then end column and row (exclusive).
     pub tiles: [u32; 4],
     pub footprint: Footprint,
-    /// Shortest axis in world space, pointing towards the camera; the first one if several are equally short.
+    /// Unit vector along the shortest axis, in world space, towards the camera; the first axis if several are equally
+    /// short.
     pub normal: [f64; 3],
 }
 
@@ -68,7 +69,7 @@ pub(crate) struct Footprint {
     pub opacity: f64,
     /// Minimum exponent of a fragment. Below it, alpha is under the floor or the pixel is outside the extent.
     cutoff: f64,
-    /// The width and tile range of a panorama, whose left and right edges meet; `None` for other cameras.
+    /// The copies of the splat in a panorama, whose left and right edges meet; `None` for other cameras.
     turn: Option<Turn>,
     pub color: [f64; 3],
 }
@@ -83,8 +84,8 @@ struct Turn {
 }
 
 impl Turn {
-    /// Returns the horizontal distance in pixels from the nearest copy of a centre to a pixel. `None` outside the
-    /// copy's tiles.
+    /// Returns the horizontal offset, in pixels, of a pixel at `x` from the nearest copy of a centre. `None` outside
+    /// the copy's tiles.
     fn offset(self, x: f64, center: f64) -> Option<f64> {
         let center = center + self.width * ((x - center) / self.width).round();
         let tile = f64::from(TILE);
@@ -95,7 +96,7 @@ impl Turn {
 }
 
 impl Footprint {
-    /// Returns the alpha at a pixel, after the cap; `None` if the splat has no fragment there.
+    /// Returns the alpha at a pixel of the splat's tiles, after the cap; `None` if the splat has no fragment there.
     #[inline]
     pub(crate) fn alpha(&self, x: f64, y: f64, rules: &Rules) -> Option<f64> {
         let dx = match self.turn {

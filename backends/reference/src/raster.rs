@@ -31,8 +31,8 @@ pub struct Picture {
     pub depth: Vec<f64>,
     /// Depth of the splat that brings the transmittance to one half or below, else of the last splat. 0 without splats.
     pub median_depth: Vec<f64>,
-    /// Sum of the splats' normals, each times its weight. A splat's normal is its shortest axis in world space,
-    /// pointing towards the camera.
+    /// Sum of the splats' normals, each times its weight. A splat's normal is the unit vector along its shortest axis,
+    /// in world space, towards the camera.
     pub normal: Vec<[f64; 3]>,
     /// Index of the splat with the largest weight (the nearest one among equals); `u32::MAX` without splats.
     pub index: Vec<u32>,
@@ -112,8 +112,8 @@ impl Pixel {
 pub(crate) const PIXEL_BYTES: usize =
     size_of::<Pixel>() + 2 * size_of::<[f64; 3]>() + 3 * size_of::<f64>() + 2 * size_of::<u32>();
 
-/// Renders splats over `background` by the given rules. A mesh hides the background and the splats behind it; only
-/// pinhole cameras draw it. The result does not depend on the number of threads.
+/// Renders splats over `background`, a display-encoded colour, by the given rules. A mesh hides the background and the
+/// splats behind it; only pinhole cameras draw it. The result does not depend on the number of threads.
 ///
 /// A picture that does not fit in memory ends the process: see [`check_memory`](crate::check_memory).
 pub fn render(

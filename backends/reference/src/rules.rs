@@ -15,7 +15,8 @@ pub struct Rules {
     pub near: f64,
     /// Offset added to the pixel position of every centre, in x and y. Pixels are sampled at integer positions.
     pub pixel_offset: f64,
-    /// Limit of |x / z| and |y / z| in the Jacobian, as a multiple of tan(fov / 2); `None` for no limit.
+    /// Limit of x / z and y / z in the Jacobian of a pinhole: their distance from the picture's middle, as a multiple
+    /// of tan(fov / 2). `None` for no limit.
     pub jacobian_clamp: Option<f64>,
     /// The filter that widens the 2D covariance.
     pub low_pass: LowPass,
@@ -141,7 +142,7 @@ impl Rules {
     }
 }
 
-/// The anti-aliasing filter for splats smaller than a pixel.
+/// The anti-aliasing filter. It widens every splat, for the sake of those smaller than a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub enum LowPass {
     /// No filter.

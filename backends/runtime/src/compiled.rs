@@ -42,7 +42,8 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     /// first such frame.
     pub saved: Vec<(ResourceId, Transient<G>)>,
     recipes: Recipes,
-    /// Prologue passes that do not run: their results were reused from another plan, or only such passes use them.
+    /// Prologue passes that do not run: their results are reused from another plan, or used only by other skipped
+    /// passes.
     skipped: Vec<PassId>,
     /// Buffers that only the prologue uses; empty once they are freed.
     used_once: BTreeSet<ResourceId>,

@@ -2,7 +2,8 @@
 
 use splatgraph_api::{BackendError, DeviceInfo};
 
-/// Returns the position of the device chosen by `wanted`: its index, or part of its name (case-insensitive).
+/// Returns the position in `devices` of the chosen device. `wanted` is a [`DeviceInfo::index`], or part of a name
+/// (case-insensitive).
 ///
 /// A number that is not an index must match a whole word of the name: `4090` chooses an RTX 4090, but `1` does not
 /// choose an H100.

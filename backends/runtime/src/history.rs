@@ -13,7 +13,7 @@ use crate::gpu::Gpu;
 use crate::usage::usage;
 use splatgraph_framework::{ir::*, plan::*};
 
-/// Selects the contents with which the histories of a plan start.
+/// The contents with which the histories of a plan start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Start {
     /// The contents in the current plan.

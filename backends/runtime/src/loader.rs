@@ -14,7 +14,7 @@ use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Cancel;
 use std::sync::Arc;
 
-/// Prepares plans for one [`Executor`](crate::Executor), and keeps the device open; see
+/// A handle that prepares one plan for an [`Executor`](crate::Executor), and keeps the device open; see
 /// [`splatgraph_api::Device::loader`].
 pub struct Loader<G: Gpu> {
     pub(crate) shared: Arc<Shared<G>>,

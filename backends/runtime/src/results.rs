@@ -6,8 +6,9 @@
 //! new plan shares the buffers that its recipes find in the device's [`Results`], and skips passes whose results are
 //! all reused.
 //!
-//! A buffer has a recipe if only the prologue writes it, if it does not alias other resources, and if it depends on
-//! nothing from the host. Frames that read it come later in the queue, behind a barrier. It is never written again.
+//! A buffer has a recipe if only the prologue writes it, if it has no history and no aliases, and if only dispatches
+//! and fills compute it, from buffers of the plan and planes of the scene. Frames that read it come later in the queue,
+//! behind a barrier. It is never written again.
 
 use crate::attributes::{self, PlaneKey};
 use crate::gpu::{Buffer, Gpu};

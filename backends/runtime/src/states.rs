@@ -59,7 +59,7 @@ impl PipelineState {
 pub struct PipelineStates<E> {
     /// The states, each with the API-specific data that its pipeline also depends on.
     pub states: Vec<(PipelineState, E)>,
-    /// Index into [`PipelineStates::states`], by pass; `None` if the pass has no pipeline or is not in the order.
+    /// Index into [`PipelineStates::states`], by pass; `None` if the pass has no pipeline or is not in [`Plan::order`].
     pub of_pass: Vec<Option<usize>>,
 }
 

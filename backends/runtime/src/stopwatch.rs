@@ -1,4 +1,4 @@
-//! Measures elapsed time, without the time for which this process was stopped.
+//! Measures elapsed time. Of the time for which this process is stopped, it counts at most [`MAX_STEP`].
 
 use std::time::{Duration, Instant};
 

@@ -21,8 +21,8 @@ pub(crate) fn usage(resource: &Resource) -> Usage {
     base | resource.usage & BUFFER
 }
 
-/// Lists a pass's resources, each with true if it is written. Some appear more than once; a written and bound one
-/// also appears with false.
+/// Lists a pass's resources, each with true if it is written. A resource can appear more than once: one that is bound
+/// and written appears with both values.
 pub(crate) fn touched(pass: &Pass) -> impl Iterator<Item = (ResourceId, bool)> + '_ {
     let uses = pass.uses.iter().map(|used| (used.resource, used.accesses.writes()));
     let bound = pass.bindings.iter().map(|binding| (binding.resource, false));

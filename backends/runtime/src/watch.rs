@@ -4,7 +4,7 @@
 //! submission stays in flight until it completes or the device is lost.
 //!
 //! The executors of a device share its queue, so a frame may wait for another executor's pass. The device is running
-//! the first submission, in queue order, whose timestamps are not all written, in the pass after the last written one.
+//! the first submission, in queue order, with a pass whose end timestamp is not written, and in the first such pass.
 //! A submission without readable timestamps, such as an upload, is reported only to a caller that asks about it.
 
 use crate::gpu::{Encoder, Gpu};

@@ -89,8 +89,8 @@ impl Instance {
         lock(&self.surface).clone()
     }
 
-    /// Creates the window's surface, or recreates it. All swapchains of the previous surface must have been dropped. Does
-    /// nothing without a window.
+    /// Creates the window's surface, or recreates it. All swapchains of the previous surface must have been dropped.
+    /// Does nothing without a window.
     pub fn renew_surface(&self) -> Result<(), BackendError> {
         let Some(window) = self.window.as_deref() else { return Ok(()) };
         let mut surface = lock(&self.surface);
@@ -206,7 +206,7 @@ impl Drop for Instance {
     }
 }
 
-/// Guards the loader's list of devices, which all instances of a process share. Naming an object, creating a swapchain
+/// Lock on the loader's list of devices, which all instances of a process share. Naming an object, creating a swapchain
 /// and looking up a device function search the list; opening and closing a device change it. The loader does not
 /// synchronize them (KhronosGroup/Vulkan-Loader, issues 200 and 2018), so a thread could read a device that another
 /// has freed.

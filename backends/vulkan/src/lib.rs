@@ -39,7 +39,7 @@ pub use splatgraph_api::{DeviceMemory, Options, Validation};
 
 /// An open Vulkan device and the plan that it executes.
 pub type Vulkan = splatgraph_runtime::Executor<VulkanGpu>;
-/// Prepares plans for one [`Vulkan`].
+/// A handle that prepares one plan for a [`Vulkan`].
 pub type Loader = splatgraph_runtime::Loader<VulkanGpu>;
-/// A plan prepared for one [`Vulkan`].
+/// A plan prepared for a [`Vulkan`].
 pub type Ready = splatgraph_runtime::Ready<VulkanGpu>;

@@ -83,8 +83,8 @@ pub(crate) fn interface(pass: &Pass) -> Interface {
     Interface { bindings, push_bytes: pass.push.len() as u32, stages }
 }
 
-/// Requests the subgroup size that the graph assumes and full subgroups. Each is requested only if the device and the
-/// workgroup size allow it. Requests nothing for a shader without subgroup operations.
+/// Returns the requests of a pipeline: the subgroup size that the graph assumes, and full subgroups. Each is requested
+/// only if the device and the workgroup size allow it, and neither for a shader without subgroup operations.
 pub(crate) fn subgroups(shader: &Reflection, limits: &Limits) -> Subgroups {
     if !shader.has_subgroups() || limits.facts.subgroup_size == 0 {
         return Subgroups::default();

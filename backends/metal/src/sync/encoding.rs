@@ -137,7 +137,7 @@ impl MemoryBarrier {
 /// The division of passes into encoders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Division {
-    /// As few encoders as the order of the passes, their kinds and the targets of draws allow.
+    /// As few encoders as the order of the passes, their kinds, and the targets and dependencies of draws allow.
     Merged,
     /// One encoder per pass, for timestamps at the ends of encoders.
     Passes,

@@ -237,8 +237,8 @@ fn add_reasons(reasons: &mut Vec<(At, Cause)>, encoder: &Ordered, at: impl Fn(Po
     }
 }
 
-/// Adds a dependency to the reasons of a wait or barrier. It is merged with a reason that differs only in the earlier
-/// passes, or in a write after a write in place of a read after it.
+/// Adds a dependency to the reasons of a wait or barrier. Merges it into a reason that differs only in the earlier
+/// passes, or only in the hazard: read after write or write after write.
 fn add_reason(reasons: &mut Vec<(At, Cause)>, at: At, dependency: &Dependency) {
     let Dependency { hazard, first, second, since, resource, alias, .. } = *dependency;
     let previous_frame = since == Since::PreviousFrame;

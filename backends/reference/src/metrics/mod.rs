@@ -132,7 +132,7 @@ pub enum MetricError {
     },
 }
 
-/// Computes all metrics of two pictures.
+/// Computes PSNR, SSIM and the worst pixel of two pictures.
 ///
 /// # Errors
 /// The sizes differ, or a value is not finite.

@@ -24,7 +24,7 @@ pub(crate) const ANYTHING: Scope = Scope {
 pub(crate) const COPIES: Scope =
     Scope { stages: vk::PipelineStageFlags2::COPY, accesses: vk::AccessFlags2::TRANSFER_WRITE };
 
-/// Target scope of the barrier after an upload: all commands of the queue, with all reads.
+/// Target scope of the barrier after copies into a buffer: all commands of the queue, with all reads.
 pub(crate) const READERS: Scope =
     Scope { stages: vk::PipelineStageFlags2::ALL_COMMANDS, accesses: vk::AccessFlags2::MEMORY_READ };
 

@@ -91,7 +91,7 @@ pub(super) fn memory_barrier(needs: &[Requirement]) -> Masks {
     least(masks, |masks| needs.iter().all(|need| need.is_met_by(masks)))
 }
 
-/// Returns the minimal source masks that meet the requirements, whatever the target.
+/// Returns minimal source masks that meet the requirements, whatever the target: without any bit they would not.
 pub(super) fn least_source(needs: &[Requirement]) -> Masks {
     let mut masks = Masks::default();
     let (forced, free): (Vec<&Requirement>, Vec<&Requirement>) = needs.iter().partition(|n| n.via.is_empty());

@@ -3,7 +3,8 @@
 //! [`Walk`](crate::walk::Walk) determines the encoder of each pass and its waits. An encoder is opened only when its
 //! first command is recorded, because the targets of a draw and the timestamp samples are not known before.
 //!
-//! Every call has its own autorelease pool, so that Metal's temporary objects are freed before the thread ends.
+//! Calls that create objects have an autorelease pool, so that Metal's temporary objects are freed before the thread
+//! ends.
 
 use crate::apple::capture;
 use crate::apple::descriptors::ArgumentTables;

@@ -51,7 +51,8 @@ pub struct Encoder {
     pub(super) order: Option<Arc<Order>>,
     pub(super) moves: Vec<Move>,
     pub(super) open: Open,
-    /// Kind of encoder to open for the next command, after waiting for `waits`; `None` if it is open already.
+    /// Kind of encoder to open for the next command, then to wait for `waits`; `None` if it is open already, or if the
+    /// next command is outside the plan.
     pub(super) next: Option<EncoderKind>,
     pub(super) waits: Vec<FenceUse>,
     pub(super) bound: Bound,

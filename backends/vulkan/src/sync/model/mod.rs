@@ -78,7 +78,7 @@ pub fn replay_swap(plans: &[(&Plan, &Barriers, u32)]) -> Vec<Violation> {
     violations
 }
 
-/// Returns true if a replay of four frames shows a violation of `rules`.
+/// Returns true if a replay of four frames shows a violation under `rules`.
 pub fn has_violation(plan: &Plan, barriers: &Barriers, rules: Rules) -> bool {
     let replay = Replay::default();
     let trace = Trace::new(plan, replay.copies);
