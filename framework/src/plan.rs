@@ -91,7 +91,7 @@ impl Plan {
         self.resources.iter().position(|r| r.name == name).map(|i| ResourceId(i as u32))
     }
 
-    /// Returns the name of the drawn graph or preset: the requested one or its fallback.
+    /// Returns the graph that the last fallback took; without fallbacks, the requested name, which can be a choice's.
     pub fn drawn(&self) -> &str {
         self.fallbacks.last().map_or(&self.name, |fallback| &fallback.taken)
     }

@@ -61,8 +61,8 @@ pub struct Dump {
     pub stats: Vec<Stat<String>>,
     /// Total GPU milliseconds of the frame's passes, set by [`Dump::with_times`]; `None` if a needed time is missing.
     pub gpu_ms: Option<f64>,
-    /// Measured GPU milliseconds of a frame, from its first command to its last; `None` without a measurement. Exceeds
-    /// `gpu_ms` if the device works between passes, or if its timestamps of passes are inaccurate.
+    /// Measured GPU milliseconds of a frame, from its first command to its last, set by the caller; `None` without a
+    /// measurement. Exceeds `gpu_ms` if the device works between passes, or if its timestamps of passes are inaccurate.
     #[serde(default)]
     pub frame_ms: Option<f64>,
     /// The encoders, for an API that has them. Filled in by its backend.
@@ -79,7 +79,7 @@ pub struct DumpParameter {
     pub value: Value,
     /// The value if neither a preset nor the request sets one.
     pub default: Value,
-    /// Reason for the value, if it comes from an expression in the default or in a preset.
+    /// Reason for the value; `None` unless it comes from an expression with names in the default or in a preset.
     pub reason: Option<Reason>,
     /// The value that costs no accuracy, if the graph names one.
     pub exact: Option<Value>,
@@ -129,7 +129,7 @@ pub struct Totals {
     /// Bytes of attributes and of memory blocks that are freed once the prologue has run.
     #[serde(default)]
     pub freed_bytes: u64,
-    /// Bytes that the host writes or reads, per frame in flight.
+    /// Bytes that the host writes or reads, per frame in flight; host buffers count with their minimum length.
     pub host_bytes: u64,
 }
 
@@ -144,7 +144,7 @@ pub struct BarrierTotals {
     pub memory_barriers: usize,
     /// Number of image barriers, which change a layout.
     pub image_barriers: usize,
-    /// Number of dependencies that the barriers enforce.
+    /// Number of reasons for the barriers: the entries of all [`DumpBarrier::dependencies`].
     pub dependencies: usize,
 }
 
@@ -269,7 +269,7 @@ pub struct DumpPass {
     pub bindings: Vec<Binding<String>>,
     /// Push constants, one per 32-bit word.
     pub push: Vec<DumpPush>,
-    /// Dependencies on earlier passes, with reasons.
+    /// Dependencies on earlier passes. [`Dependency::second`], which is this pass, is left empty.
     #[serde(default)]
     pub dependencies: Vec<Dependency<Declared, Declared>>,
     /// Barriers recorded in one call before the pass.

@@ -118,7 +118,7 @@ pub enum Blend {
 }
 
 impl Blend {
-    /// Returns true if the alpha of the shader's output is a factor of other channels.
+    /// Returns true if a factor of the blend equation contains the alpha of the shader's output.
     pub fn reads_alpha(self) -> bool {
         !matches!(self, Blend::Replace | Blend::Add)
     }

@@ -20,7 +20,8 @@ pub struct Param {
     pub value: Value,
     /// The value if neither a preset nor the request sets one.
     pub default: Value,
-    /// The expression that gave the value, if it came from a default or a preset that is an expression.
+    /// The expression in a default or a preset that gave the value. `None` for an expression without names, a literal,
+    /// a setting, and a value raised to a capacity.
     pub reason: Option<Reason>,
     /// The value at which the result is exact, if the graph names one.
     pub exact: Option<Value>,

@@ -66,7 +66,7 @@ pub struct Fallback {
 }
 
 impl Fallback {
-    /// Iterates over the graphs that the device cannot run; skips graphs that the choice only ranks lower.
+    /// Iterates over rejected graphs with unmet requirements of their own, not only of the choice.
     pub fn lacking(all: &[Fallback]) -> impl Iterator<Item = &Fallback> {
         all.iter().filter(|fallback| !fallback.preference)
     }

@@ -64,13 +64,13 @@ pub(super) struct Level {
     pub handles: IndexMap<String, Option<Handle>>,
     /// For each name of an included resource (`include.name`), the parameters that decide which resource it means.
     pub given: BTreeMap<String, ParamSet>,
-    /// Includes without resources, with the place of the condition that removed them; `None` for invalid includes.
+    /// Includes without resources, with the place of the `when` or `count` that removed them; `None` for invalid ones.
     pub absent: BTreeMap<String, Option<Span>>,
     /// The graphs of the includes so far, by the include's name.
     pub included: BTreeMap<String, Rc<Chosen>>,
     /// Prefix for the names of passes and resources.
     pub prefix: String,
-    /// Suffix for the names of passes: the indices of repeats.
+    /// Suffix for the names of passes and includes: the indices of repeats.
     pub suffix: String,
     /// Index into [`Lowered::includes`]; `None` for the root.
     pub include: Option<usize>,

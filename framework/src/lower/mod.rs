@@ -234,7 +234,7 @@ pub fn expression_names(
     Ok(ExpressionNames(names.values))
 }
 
-/// The outcome of a choice for a device.
+/// The outcome of a choice, or of the requirements of a single graph.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Standing {
     /// Graphs of the choice that were passed over, in order.

@@ -68,7 +68,7 @@ pub struct Actions {
 
 /// The cells of a resource.
 pub struct ResourceCells {
-    /// All cells of the resource's memory, and the resource's own cells, in the first copy.
+    /// All cells of the resource's memory in the first copy; `own` has only the resource's.
     all: Range<usize>,
     own: Range<usize>,
     stride: usize,

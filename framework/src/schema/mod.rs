@@ -92,7 +92,7 @@ pub struct Graph {
     /// Parameters, in the order in which panels show them. They may use each other, but not in a cycle.
     #[serde(default)]
     pub params: IndexMap<String, ParamDecl>,
-    /// Named expressions over parameters, facts and earlier entries.
+    /// Named expressions over constant parameters, facts and earlier entries.
     #[serde(default, rename = "let")]
     pub lets: IndexMap<String, Number>,
     /// Imported data of the scene and the host.

@@ -143,7 +143,7 @@ fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
 }
 
 /// Drops histories whose contents cannot matter: no pass reads them by `last(name)`, no `Once` pass uses them, and
-/// every frame first overwrites them completely.
+/// a frame that uses them first overwrites them completely.
 ///
 /// A fill and a cleared target overwrite everything; a shader is never assumed to. All other histories keep their
 /// contents.

@@ -126,9 +126,9 @@ pub struct NotFound {
     pub name: String,
     /// The kind of file.
     pub kind: Kind,
-    /// The paths tried, in order of search.
+    /// The paths tried, in order of search, for messages: some end in a remark, such as `(built in)`.
     pub tried: Vec<String>,
-    /// The most similar existing name; `None` if no name is similar.
+    /// The most similar existing name; `None` if no name is similar, or if `why` is given.
     pub nearest: Option<String>,
     /// Why the last path in `tried`, which exists, cannot be used; `None` if no path exists.
     pub why: Option<String>,
@@ -558,7 +558,7 @@ fn spellings(name: &str, kind: Kind) -> Vec<String> {
 
 /// Resolves the links and `..` in a path, or in its folder if there is no such file. Returns other paths unchanged.
 ///
-/// [`Library::unsaved`] has its texts by these paths.
+/// [`SourceMap::new`] resolves the paths of [`Library::unsaved`] in this way.
 pub fn canonical(path: &Path) -> PathBuf {
     let missing = || Some(fs::canonicalize(path.parent()?).ok()?.join(path.file_name()?));
     fs::canonicalize(path).ok().or_else(missing).unwrap_or_else(|| path.to_path_buf())

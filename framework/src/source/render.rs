@@ -26,7 +26,7 @@ const MAX_LINE_BYTES: usize = 4 << 20;
 ///    |                               ^^^^^ did you mean `shader`?
 /// ```
 ///
-/// Spans that are beyond the text, inside a character, or reversed are moved to the nearest valid position. `colour`
+/// Spans are clamped to the text, and rounded down to the start of a character; a reversed span becomes empty. `colour`
 /// adds ANSI escapes.
 pub fn render(files: &SourceMap, diagnostics: &[Diagnostic], colour: bool) -> String {
     render_as(Level::ERROR, files, diagnostics, colour)

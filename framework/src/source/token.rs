@@ -257,7 +257,7 @@ impl<'a> Lexer<'a> {
         Ok(TokenKind::Scalar)
     }
 
-    /// Reads `'c'` or `b'c'`; `prefix` is the number of bytes before the opening quote.
+    /// Reads `'c'` or `b'c'`. `prefix` is the length in bytes of the opening `'` or `b'`.
     fn character(&mut self, start: usize, prefix: usize) -> Result<TokenKind> {
         self.at += prefix;
         match self.rest().chars().next() {

@@ -251,7 +251,8 @@ impl Entry<'_> {
         SECOND.iter().any(|second| self.message.starts_with(second))
     }
 
-    /// Finds the live parameter that caused an error because something else has its name, and the place of that.
+    /// Finds the live parameter whose name clashes with another, if this caused the error. Also returns the place of
+    /// the other declaration, or, for a call, that of the error.
     fn live_clash<'f>(
         &self,
         files: &'f SourceMap,

@@ -287,8 +287,8 @@ impl<'t> Walk<'t> {
     }
 
     /// Replaces the shader's own macros by their bodies. Defines of the compilation keep their names, so that the
-    /// evaluation records which of them it reads. `None` for macros with several definitions or parameters, beyond
-    /// [`MAX_DEPTH`] nested macros, and after `left` words.
+    /// evaluation records which of them it reads. `None` for macros with parameters or without a certain definition,
+    /// beyond [`MAX_DEPTH`] nested macros, and after `left` words.
     fn expand(
         &self,
         words: &[Word<'t>],

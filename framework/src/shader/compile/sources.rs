@@ -234,8 +234,8 @@ impl Sources {
         self.first_line()
     }
 
-    /// Lists every `#include` of a unit: the including unit, and the place of the name in it. The first is in a unit
-    /// before this one; the shader itself has none.
+    /// Lists every `#include` that names a unit: the including unit, and the place of the name in it. For all units but
+    /// the shader itself, the first is in an earlier unit.
     pub fn includes_of(&self, unit: usize) -> Vec<(usize, Range<usize>)> {
         let of = |(includer, other): (usize, &Unit)| {
             let targets = |name| other.includes.get(name).is_some_and(|include| include.target == Ok(unit));

@@ -24,7 +24,8 @@ pub(super) struct Accesses {
     pub written_first: HashSet<Word>,
     /// Variables that reachable code mentions, even if only to query an array's length or an image's size.
     pub touched: HashSet<Word>,
-    /// Pairs of a variable and the member of it that an access chain selects first; `None` for all other uses.
+    /// Uses of variables: the first index of an access chain (a block's member or an array's element) if it is
+    /// constant; `None` for all other uses.
     pub members: HashSet<(Word, Option<u64>)>,
 }
 
@@ -70,7 +71,7 @@ pub(super) fn accesses(module: &Module, variables: &HashSet<Word>) -> Result<Acc
     Ok(accesses)
 }
 
-/// Returns the constant index of the member of `variable` that an access chain selects; otherwise `None`.
+/// Returns the first index of an access chain into `variable`; `None` if it is not constant, or for another use.
 fn selected(module: &Module, i: &Instruction, variable: Word) -> Option<u64> {
     if !matches!(i.class.opcode, Op::AccessChain | Op::InBoundsAccessChain) || id(i, 0).ok()? != variable {
         return None;

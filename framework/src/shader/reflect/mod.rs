@@ -25,7 +25,8 @@ use crate::ir::{
 ///
 /// Fails, with a message, on invalid modules, features that no backend enables, pointers with unknown targets,
 /// descriptor arrays without a length, bindings that graphs do not support, and more than 64 KiB of local
-/// variables. Supported are storage buffers, uniform blocks, and two-dimensional storage images in a [`Format`].
+/// variables. Supported are storage buffers, uniform blocks, and two-dimensional storage images in a [`Format`] or
+/// without a declared format.
 pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
     let module = Module::parse(spirv)?;
     let is_resource = |v: &&Variable| {

@@ -63,7 +63,7 @@ pub(super) struct TypeInfo {
     /// Bytes in a block, runtime arrays excluded. `None` without an explicit layout, and for matrices, whose stride
     /// belongs to the member.
     pub laid_out: Option<u64>,
-    /// Bytes and alignment by std430, for types without an explicit layout.
+    /// Bytes and alignment by std430, for variables without an explicit layout; `None` for types without a size.
     pub natural: Option<(u64, u64)>,
 }
 
