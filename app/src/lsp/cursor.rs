@@ -62,7 +62,7 @@ pub struct Group {
 }
 
 impl Group {
-    /// Returns the value of a field or key that is a string or a name.
+    /// Returns the value of the field or key `key`; `None` unless it is a string or a name.
     pub fn value(&self, key: &str) -> Option<&str> {
         self.values.iter().find(|(other, _)| other == key).map(|(_, value)| value.as_str())
     }

@@ -450,7 +450,7 @@ impl Workspace {
     }
 }
 
-/// Returns true for RON that is no graph, such as a list of scenes or another program's settings.
+/// Returns true for RON that is not meant as a graph, such as a list of scenes or other settings.
 fn is_foreign(text: &str) -> bool {
     let scan = Scan::of(text);
     let is_document = |name: &str| nearest(name, ["Graph", "Preset", "Choice"]).is_some();

@@ -270,8 +270,8 @@ pub struct FrameResult {
     pub pass_ms: Vec<(PassId, Option<f64>)>,
     /// GPU milliseconds from the first to the last command of the frame; `None` without timestamps.
     pub total_ms: Option<f64>,
-    /// Start of the frame in milliseconds on the device's clock, whose origin is unknown and which may wrap. `None`
-    /// without timestamps.
+    /// Start of the frame in milliseconds, on a clock whose origin is unknown and which may wrap. `None` without
+    /// timestamps.
     pub start_ms: Option<f64>,
     /// Milliseconds from the start of the frame to the start of each pass; indexed like `pass_ms`.
     pub pass_start_ms: Vec<Option<f64>>,

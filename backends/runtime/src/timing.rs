@@ -51,7 +51,7 @@ impl Times {
         self.between(0, queries(index))
     }
 
-    /// Returns the frame's start on the device's clock, in milliseconds; `None` without a timestamp.
+    /// Returns the frame's start on the clock of the timestamps, in milliseconds; `None` without a timestamp.
     pub fn start(&self) -> Option<f64> {
         let ticks = self.ticks.first().copied().flatten()?;
         Some(milliseconds(0, ticks, self.bits, self.period))
