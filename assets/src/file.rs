@@ -1,4 +1,4 @@
-//! Opens and reads files that a user names. Only regular files are opened, and reads have a size limit.
+//! Opens and reads files that a user names. Only regular files are opened, and [`read`] has a size limit.
 //!
 //! Opening a FIFO blocks until it has a writer, and a device such as `/dev/zero` never ends. Paths are therefore
 //! checked before they are opened, and a file is read only up to a limit, regardless of its reported length.

@@ -25,13 +25,15 @@ pub(crate) const HEAD: usize = 4096;
 /// Bytes of rows that a thread reads at a time; at least one row.
 const PIECE: usize = 1 << 20;
 
-/// A callback for the progress of a load: the amount of work done, and the total. The unit depends on the format.
+/// A callback for the progress of a load, or of a write: the amount of work done, and the total. The unit depends on
+/// the format.
 ///
-/// Several threads call it, so the first number may decrease between calls. `Break` cancels the load, which returns
-/// [`SceneError::Cancelled`] once every thread has stopped.
+/// Several threads call it, so the first number may decrease between calls. `Break` cancels: a load returns
+/// [`SceneError::Cancelled`] once every thread has stopped, and [`Scene::write`] an error of the kind
+/// [`ErrorKind::Interrupted`].
 pub type Progress<'a> = &'a (dyn Fn(u64, u64) -> ControlFlow<()> + Sync);
 
-/// A callback that ignores the progress of a load.
+/// A callback that ignores the progress.
 pub const QUIET: Progress<'static> = &|_, _| ControlFlow::Continue(());
 
 /// Contents of a scene file's header.
@@ -160,7 +162,7 @@ pub(crate) fn finish(
     Ok(scene)
 }
 
-/// A table in a file, with a row for each splat.
+/// A table in a file: rows of equal size, usually one for each splat.
 #[derive(Clone, Copy)]
 pub(crate) struct Table<'a> {
     pub source: Source<'a>,

@@ -58,7 +58,8 @@ pub fn available() -> Option<u64> {
     if cfg!(target_os = "linux") { under(Path::new("/")) } else { None }
 }
 
-/// Returns the smallest of the limits in the folders `proc` and `sys/fs/cgroup` under `root`; `None` if none is known.
+/// Returns the bytes that are left under the tightest limit in the folders `proc` and `sys/fs/cgroup` of `root`; `None`
+/// if no limit is known.
 fn under(root: &Path) -> Option<u64> {
     let text = |path: &str| std::fs::read_to_string(root.join(path)).ok();
     let system = text("proc/meminfo").and_then(|info| of_system(&info));

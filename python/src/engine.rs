@@ -1,7 +1,7 @@
 //! Owns a device on its own thread, which draws for all of Python's threads.
 //!
 //! A request is a camera ([`Engine::submit`], which returns a [`Pending`] picture) or a call on the session. The thread
-//! draws cameras in the order of their requests and keeps as many frames in flight as the device allows, so that the
+//! draws cameras in the order of their requests and keeps up to [`FRAMES_IN_FLIGHT`] frames in flight, so that the
 //! device stays busy. A call waits for the frames before it.
 
 use crate::arrays::give;

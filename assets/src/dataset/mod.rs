@@ -259,8 +259,8 @@ impl Dataset {
     }
 
     /// Returns the dataset with smaller photographs, from folders `images_N` with N the `factor`. The folders are
-    /// beside `images`, or near a COLMAP model without `images`. `None` unless there is such a folder for every
-    /// photograph.
+    /// beside `images`, or near a COLMAP model without `images`. The cameras keep their sizes. `None` unless there is
+    /// such a folder for every photograph.
     pub fn reduced(&self, factor: u32) -> Option<Self> {
         let Some(folder) = &self.photographs else {
             let mut folders = self.around().into_iter().map(|around| around.join(format!("images_{factor}")));

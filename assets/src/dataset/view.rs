@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// A camera with the name of its photograph.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// The camera. Its `img_name` is `photograph` without its extension and a leading `./`.
+    /// The camera. Its `img_name` is the photograph's path in the file, without a known extension and a leading `./`.
     pub camera: Camera,
     /// Path of the photograph, relative to [`Dataset::photographs`]; its extension may be missing.
     pub photograph: String,

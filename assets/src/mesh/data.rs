@@ -86,7 +86,8 @@ impl Default for Light {
 /// A mesh: triangles with materials, and the light on them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
-    /// Vertex positions, in world units, relative to [`Scene::offset`](crate::Scene::offset).
+    /// Vertex positions, in world units: in a scene, relative to [`Scene::offset`](crate::Scene::offset); otherwise in
+    /// the world's coordinates.
     pub positions: Vec<[f32; 3]>,
     /// Unit normals, one per position.
     pub normals: Vec<[f32; 3]>,

@@ -103,7 +103,7 @@ impl Columns {
 
     /// Allocates the arrays of `count` splats. Positions that are `wide` have more precision than f32.
     ///
-    /// Fails if the `available` memory is less than the scene and `beside` more bytes.
+    /// Fails if the `available` memory is less than the scene and `beside` more bytes, or an allocation fails.
     pub(crate) fn allocate(
         count: u64,
         degree: u32,

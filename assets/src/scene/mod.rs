@@ -36,7 +36,7 @@ use tracing::info_span;
 /// Opacity below which the reference rasteriser never draws a splat.
 pub const ALPHA_FLOOR: f32 = 1.0 / 255.0;
 
-/// Rounding error of positions below which it is ignored, relative to the splat's largest standard deviation.
+/// Limit below which the rounding of positions is ignored, relative to the splat's largest standard deviation.
 const INVISIBLE: f32 = 1.0 / 16_384.0;
 
 /// The range of a scene's coefficients and colours, which storage formats must cover.
@@ -192,7 +192,7 @@ impl Scene {
         Self { offset, ..self }
     }
 
-    /// Sets the tags of the scene's file.
+    /// Sets the tags of the scene's file, and the counts of what loading left out or clamped.
     pub fn with_notes(self, notes: FileNotes) -> Self {
         Self { notes, ..self }
     }
@@ -251,7 +251,7 @@ impl Scene {
         self.mesh.as_deref()
     }
 
-    /// Returns the tags of the scene's file.
+    /// Returns the tags of the scene's file, and the counts of what loading left out or clamped.
     pub fn notes(&self) -> FileNotes {
         self.notes
     }

@@ -68,11 +68,11 @@ impl SortKey {
 /// Tags that were reset when scenes were merged, because the scenes have different values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct MixedTags {
-    /// [`FileNotes::low_pass`].
+    /// True if [`FileNotes::low_pass`] was reset.
     pub low_pass: bool,
-    /// [`FileNotes::key_of`].
+    /// True if [`FileNotes::key_of`] was reset.
     pub key_of: bool,
-    /// [`FileNotes::up`].
+    /// True if [`FileNotes::up`] was reset.
     pub up: bool,
 }
 
@@ -82,7 +82,7 @@ impl MixedTags {
     }
 }
 
-/// Tags of a file: the rules for drawing its splats.
+/// Tags of a file, the rules for drawing its splats; and counts of what loading leaves out or clamps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct FileNotes {
     /// Low-pass filter that the splats were trained with.
@@ -96,7 +96,7 @@ pub struct FileNotes {
     /// Number of inner nodes of the file's level-of-detail tree. Only the leaves are read.
     #[serde(skip_serializing_if = "is_zero")]
     pub lod_nodes: u64,
-    /// Number of opacities above 1 in the file. They are read as 1.
+    /// Number of opacities above 1 in a `.rad` file. They are read as 1.
     #[serde(skip_serializing_if = "is_zero")]
     pub clamped_opacities: u64,
     /// Number of primitives of meshes in the glTF file of the splats. They are not read.
