@@ -159,8 +159,7 @@ fn placed(part: Part, at: (usize, usize), folder: &Path) -> Result<Placed, Scene
 }
 
 impl Scene {
-    /// Returns true if `own`, a part of this scene, has the splats of `part`, a part of `other`, wherever each is
-    /// placed.
+    /// Returns true if `own` in this scene has the same splats as `part` in `other`, wherever both are placed.
     ///
     /// Compares their number, opacities and colours of band 0, which a placement does not change.
     pub fn has_splats_of(&self, own: &ScenePart, other: &Self, part: &ScenePart) -> bool {

@@ -206,7 +206,7 @@ impl<'a> Done<'a> {
         Ok(begun)
     }
 
-    /// Creates the progress of a load after `done` of `of` bytes.
+    /// Creates the progress of a load of which `done` bytes are done, and `of` are the total.
     pub(crate) fn after(done: u64, of: u64, tell: Progress<'a>) -> Self {
         Self { done: AtomicU64::new(done), of, tell, cancelled: AtomicBool::new(false) }
     }

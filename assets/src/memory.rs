@@ -58,8 +58,8 @@ pub fn available() -> Option<u64> {
     if cfg!(target_os = "linux") { under(Path::new("/")) } else { None }
 }
 
-/// Returns the bytes that are left under the tightest limit in the folders `proc` and `sys/fs/cgroup` of `root`; `None`
-/// if no limit is known.
+/// Returns the memory that the tightest limit leaves, in bytes; `None` if no limit is known. The limits are read from
+/// the folders `proc` and `sys/fs/cgroup` under `root`.
 fn under(root: &Path) -> Option<u64> {
     let text = |path: &str| std::fs::read_to_string(root.join(path)).ok();
     let system = text("proc/meminfo").and_then(|info| of_system(&info));

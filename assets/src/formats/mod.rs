@@ -259,10 +259,10 @@ impl SceneFormat {
 }
 
 impl Scene {
-    /// Loads a scene file of any [`SceneFormat`], a folder of SOG or of a training, or a composition of several scenes
-    /// (`.ron`).
+    /// Loads a scene file of any [`SceneFormat`], a folder, or a composition of several scenes (`.ron`).
     ///
-    /// The format is recognised by the file's bytes. A streamed SOG is loaded at its finest level.
+    /// The format is recognised by the file's bytes. A folder is a SOG scene, or the output of a training, whose last
+    /// scene is loaded. A streamed SOG is loaded at its finest level.
     ///
     /// # Errors
     /// The file cannot be read, is a mesh or not a scene, is damaged, does not fit in memory, or was modified during

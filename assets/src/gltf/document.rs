@@ -213,8 +213,7 @@ impl Document {
             .map_err(|error| row(error.line() as u64, format!("the JSON of glTF: {error}")))
     }
 
-    /// Lists the nodes of the scene, in no particular order: the index of each, and its transform into the document's
-    /// world.
+    /// Lists the nodes of the scene, unordered: their indices, and their transforms into the document's world.
     ///
     /// The scene is the default one, or the first. A document without scenes counts as one scene of all nodes. Fails if
     /// a node is reached twice.

@@ -23,7 +23,7 @@ const NAMES: [&str; REST] = [
     "f_dc_1", "f_dc_2",
 ];
 
-/// Names of the bytes of a colour, which nerfstudio can write instead of `f_dc_*`.
+/// Names of the properties with a colour as bytes, which nerfstudio can write instead of `f_dc_*`.
 const COLORS: [&str; 3] = ["red", "green", "blue"];
 
 /// Name of the standard deviation of Mip-Splatting's 3D filter.

@@ -49,8 +49,8 @@ pub(super) fn read(comment: &[&str], notes: &mut FileNotes) -> Result<bool, Scen
     Ok(true)
 }
 
-/// Formats the comments for the tags that PLY can store, the filter and the up direction, and then the comments that a
-/// scene has from a header.
+/// Formats a scene's tags as comments, followed by the scene's other comments. PLY can store the filter and the up
+/// direction.
 pub(super) fn comments(scene: &Scene) -> String {
     let notes = scene.notes();
     let filter = match notes.low_pass {

@@ -207,7 +207,7 @@ impl Scene {
         Self { header_comments, ..self }
     }
 
-    /// Returns the comments of the PLY file from which the scene was loaded or derived, each as a line of its header.
+    /// Returns the comments of the PLY file that the scene was loaded or derived from, as lines of a header.
     ///
     /// PLY files of the scene get them. Tags are not among them. Empty for joined scenes, and for more than 32 KiB.
     pub fn header_comments(&self) -> &[String] {

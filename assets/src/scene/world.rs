@@ -22,8 +22,9 @@ impl Scene {
     /// Detects positions that were rounded to f32 far from the origin, which cannot be undone. `None` if they are fine,
     /// or wide.
     ///
-    /// Positions are coarse if the steps of most of up to 1,000 splats exceed 1/8 of their largest standard deviation.
-    /// Steps within 8 times the scene's size from the origin are never coarse, however small the splats are.
+    /// Up to 1,000 splats are sampled. Positions are coarse if most of these splats have steps above 1/8 of their
+    /// largest standard deviation. Steps within 8 times the scene's size from the origin are never coarse, however
+    /// small the splats are.
     pub fn coarse_positions(&self) -> Option<CoarsePositions> {
         const VISIBLE: f32 = 1.0 / 8.0;
         let step = |v: f32| v.next_up() - v;
@@ -61,7 +62,7 @@ impl Scene {
         Ok(scene.with_offset(origin))
     }
 
-    /// Returns true if f32 suffices for positions in the world: rounding shifts no splat by more than 1/256 of its
+    /// Returns true if f32 suffices for positions in the world. Rounding must shift no splat by more than 1/256 of its
     /// size.
     ///
     /// Shifts of up to one step of floats at 8 times the median distance from the middle are allowed for every size.
@@ -84,8 +85,8 @@ impl Scene {
 
     /// Finds an origin near the splats if f32 is too coarse for positions relative to `offset`; otherwise `None`.
     ///
-    /// It is too coarse if it shifts more than a tenth of the splats by more than 1/256 of their size, and the splats
-    /// are farther from `offset` than about 8 times the scene's size. `position` returns world coordinates.
+    /// f32 is too coarse if rounding shifts more than a tenth of the splats by more than 1/256 of their size, and the
+    /// splats are farther from `offset` than about 8 times the scene's size. `position` returns world coordinates.
     pub(crate) fn finer_origin(
         count: u32,
         offset: DVec3,

@@ -142,7 +142,7 @@ impl Array {
         self.width * self.scalar.size()
     }
 
-    /// Returns the table of a prim's splats, each of which has `elements` of the array.
+    /// Returns the array as a table with a row of `elements` elements for each splat.
     pub(super) fn table<'a>(&'a self, layer: &Bytes<'a>, elements: usize) -> Table<'a> {
         let width = elements * self.stride();
         match &self.numbers {
