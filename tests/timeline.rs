@@ -77,7 +77,8 @@ fn spans_nest_on_each_track_and_name_nine_tenths_of_the_main_threads_time() {
 
     let count = |track: &str, name: &str| tracks[track].iter().filter(|span| span.name == name).count();
     assert_eq!(count("scene", "load the scene"), 1, "while the device opens");
-    for step in ["open the device", "build the plan", "load the plan", "close the device"] {
+    assert_eq!(count("scene", "build the plan"), 1, "while the device is created");
+    for step in ["open the device", "load the plan", "close the device"] {
         assert_eq!(count("main", step), 1, "{step}");
     }
     assert!(said.contains("timeline: ") && said.contains("main thread"), "{said}");

@@ -197,11 +197,24 @@ impl Backend {
     /// [`BackendError::Unavailable`] if a driver, the validation layer or a suitable device is missing, or if the API
     /// has no such validation.
     pub fn open(api: Api, options: &Options) -> Result<Backend, BackendError> {
+        Backend::open_telling(api, options, &mut |_| {})
+    }
+
+    /// Opens a device, and calls `chosen` with its description before the device is created. A plan for it can be built
+    /// meanwhile, on another thread.
+    ///
+    /// # Errors
+    /// See [`Backend::open`].
+    pub fn open_telling(
+        api: Api,
+        options: &Options,
+        chosen: &mut dyn FnMut(&DeviceInfo),
+    ) -> Result<Backend, BackendError> {
         match api {
-            Api::Vulkan => Vulkan::open(options).map(Backend::Vulkan),
+            Api::Vulkan => Vulkan::open_telling(options, chosen).map(Backend::Vulkan),
             #[cfg(target_vendor = "apple")]
-            Api::Metal => Metal::open(options).map(Backend::Metal),
-            Api::Null => null(options, None),
+            Api::Metal => Metal::open_telling(options, chosen).map(Backend::Metal),
+            Api::Null => null(options, None).inspect(|device| chosen(device.info())),
         }
     }
 

@@ -32,8 +32,14 @@ impl Gpu for NullGpu {
         Ok(vec![NullGpu::new(&Config::default()).0])
     }
 
-    fn open(_: &Options, _: Option<Arc<dyn Window>>) -> Result<(DeviceInfo, Arc<Self>), BackendError> {
-        Ok(NullGpu::new(&Config::default()))
+    fn open(
+        _: &Options,
+        _: Option<Arc<dyn Window>>,
+        chosen: &mut dyn FnMut(&DeviceInfo),
+    ) -> Result<(DeviceInfo, Arc<Self>), BackendError> {
+        let (info, gpu) = NullGpu::new(&Config::default());
+        chosen(&info);
+        Ok((info, gpu))
     }
 
     fn common(&self) -> &Common {

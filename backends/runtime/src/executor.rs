@@ -69,7 +69,18 @@ impl<G: Gpu> Executor<G> {
     /// [`BackendError::Unavailable`], with what to install, if a driver, the validation layer or a usable device is
     /// missing.
     pub fn open(options: &Options) -> Result<Self, BackendError> {
-        let (info, gpu) = G::open(options, None)?;
+        Self::open_telling(options, &mut |_| {})
+    }
+
+    /// Opens a device, and calls `chosen` with its description before the device is created, which takes long.
+    ///
+    /// # Errors
+    /// See [`Executor::open`].
+    pub fn open_telling(
+        options: &Options,
+        chosen: &mut dyn FnMut(&DeviceInfo),
+    ) -> Result<Self, BackendError> {
+        let (info, gpu) = G::open(options, None, chosen)?;
         Self::new(info, gpu)
     }
 
@@ -88,7 +99,7 @@ impl<G: Gpu> Executor<G> {
         W: HasDisplayHandle + HasWindowHandle + Send + Sync + 'static,
     {
         let window: Arc<dyn Window> = window;
-        let (info, gpu) = G::open(options, Some(window))?;
+        let (info, gpu) = G::open(options, Some(window), &mut |_| {})?;
         Self::in_window(info, gpu, size)
     }
 

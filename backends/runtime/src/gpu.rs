@@ -82,10 +82,12 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Lists the machine's devices.
     fn devices() -> Result<Vec<DeviceInfo>, BackendError>;
 
-    /// Opens the device chosen by `options`; with a window, only one that can present to it.
+    /// Opens the device chosen by `options`; with a window, only one that can present to it. Calls `chosen` before the
+    /// device is created.
     fn open(
         options: &Options,
         window: Option<Arc<dyn Window>>,
+        chosen: &mut dyn FnMut(&DeviceInfo),
     ) -> Result<(DeviceInfo, Arc<Self>), BackendError>;
 
     /// Returns the device's limits, validation messages and time limits.

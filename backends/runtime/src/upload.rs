@@ -55,8 +55,8 @@ impl<'a, G: Gpu> Uploader<'a, G> {
     ) -> Result<Self, BackendError> {
         let gpu = &shared.gpu;
         let total: u64 = missing.iter().map(|key| key.bytes).sum();
-        let longest = missing.iter().map(|key| key.stride).max().unwrap_or(0).max(CHUNK);
-        let desc = BufferDesc { name: "staging", bytes: total.min(longest), usage: Usage::COPY_SOURCE };
+        let longest = missing.iter().map(|key| key.bytes.min(key.stride.max(CHUNK))).max().unwrap_or(0);
+        let desc = BufferDesc { name: "staging", bytes: longest, usage: Usage::COPY_SOURCE };
         let half = || -> Result<Half<G>, BackendError> {
             Ok(Half {
                 staging: Buffer::new(gpu, &desc, Location::Staging)?,

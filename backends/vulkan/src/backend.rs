@@ -3,7 +3,7 @@
 use crate::descriptors::DescriptorSets;
 use crate::encoder::Encoder;
 use crate::error::api;
-use crate::gpu::{HOST_BLOCK, Owned, VulkanGpu};
+use crate::gpu::{DEVICE_BLOCKS, Owned, VulkanGpu};
 use crate::instance::Instance;
 use crate::memory::{Image, Memory, requirements};
 use crate::pipelines::Pipelines;
@@ -44,6 +44,7 @@ impl Gpu for VulkanGpu {
     fn open(
         options: &Options,
         window: Option<Arc<dyn Window>>,
+        chosen: &mut dyn FnMut(&DeviceInfo),
     ) -> Result<(DeviceInfo, Arc<Self>), BackendError> {
         let creating = info_span!("create the instance").entered();
         let (instance, extensions): (_, &[&CStr]) = match window {
@@ -53,12 +54,13 @@ impl Gpu for VulkanGpu {
         drop(creating);
         let found = info_span!("list the devices").in_scope(|| device::all(&instance))?;
         let physical = device::choose(found, options.device.as_deref())?;
-        let gpu = info_span!("create the device")
-            .in_scope(|| VulkanGpu::new(instance, &physical, extensions, options))?;
-        let mut info = physical.info;
+        let mut info = physical.info.clone();
         if options.unchecked {
             info.robustness = Robustness::default();
         }
+        chosen(&info);
+        let gpu = info_span!("create the device")
+            .in_scope(|| VulkanGpu::new(instance, &physical, extensions, options))?;
         Ok((info, Arc::new(gpu)))
     }
 
@@ -79,11 +81,11 @@ impl Gpu for VulkanGpu {
         let allocator = lock(&self.allocator);
         let report = allocator.as_ref()?.generate_report();
         // The driver counts free space in the allocator's blocks as used, although it is available. On a discrete GPU,
-        // the blocks that the host can access are in another heap.
+        // the blocks that the host can access, which are smaller, are in another heap.
         // SAFETY: the physical device is one of the instance's.
         let properties = unsafe { self.instance.raw.get_physical_device_properties(self.physical) };
         let is_discrete = properties.device_type == vk::PhysicalDeviceType::DISCRETE_GPU;
-        let blocks = report.blocks.iter().filter(|block| !is_discrete || block.size != HOST_BLOCK);
+        let blocks = report.blocks.iter().filter(|block| !is_discrete || block.size >= DEVICE_BLOCKS.0);
         let free = blocks.map(|block| {
             let used = report.allocations[block.allocations.clone()].iter().map(|allocation| allocation.size);
             block.size.saturating_sub(used.sum())

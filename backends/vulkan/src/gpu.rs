@@ -22,10 +22,11 @@ use std::fmt::Arguments;
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
-/// Size of the allocator's blocks in memory that the host cannot access.
-const DEVICE_BLOCK: u64 = 256 << 20;
-/// Size of the allocator's blocks in memory that the host can access.
-pub(crate) const HOST_BLOCK: u64 = 64 << 20;
+/// Sizes of the allocator's first and largest blocks in memory that the host cannot access. Each block is twice as large
+/// as the one before: drivers clear or map a block when it is allocated, which takes longer than drawing a small picture.
+pub(crate) const DEVICE_BLOCKS: (u64, u64) = (64 << 20, 256 << 20);
+/// Sizes of the first and largest blocks in memory that the host can access. All are smaller than those of the device.
+const HOST_BLOCKS: (u64, u64) = (4 << 20, 32 << 20);
 
 /// An open Vulkan device; see [`crate::Vulkan`].
 pub struct VulkanGpu {
@@ -82,7 +83,9 @@ impl VulkanGpu {
             physical_device: physical.handle,
             debug_settings: Default::default(),
             buffer_device_address: false,
-            allocation_sizes: AllocationSizes::new(DEVICE_BLOCK, HOST_BLOCK),
+            allocation_sizes: AllocationSizes::new(DEVICE_BLOCKS.0, HOST_BLOCKS.0)
+                .with_max_device_memblock_size(DEVICE_BLOCKS.1)
+                .with_max_host_memblock_size(HOST_BLOCKS.1),
         });
         let allocator =
             allocator.map_err(|e| BackendError::Api { call: "Allocator::new", answer: e.to_string() })?;

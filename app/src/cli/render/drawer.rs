@@ -14,7 +14,7 @@ use crate::draw::facts::DEFAULT_SIZE;
 use crate::draw::orbit;
 use crate::draw::outputs::{self, RGBA};
 use crate::draw::projection;
-use crate::draw::session::{Session, draws_mesh};
+use crate::draw::session::{EarlyPlan, Session, draws_mesh};
 use crate::draw::stats::CPU_TIMES;
 use crate::draw::storage::Choice;
 use crate::draw::truth::{self, Truth, TruthStats};
@@ -23,13 +23,14 @@ use crate::io::output::{OutputGuard, one_line, say};
 use crate::io::progress::Progress;
 use anyhow::{Context, Result};
 use serde_json::Value as Json;
-use splatgraph_api::Device;
+use splatgraph_api::{Device, DeviceInfo};
 use splatgraph_assets::{Camera, Projection, Scene};
 use splatgraph_reference::{KeyOf, Rules};
 use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::channel;
 use std::thread;
 use tracing::info_span;
 
@@ -94,6 +95,8 @@ impl Drawer {
             ),
         };
         let load = |cancel: &_| loaded.map_or_else(|| Loaded::load(args, work, graph(), cancel), Ok);
+        let requested: Vec<String> =
+            args.named().map(|(name, _)| outputs::source_of(name).to_owned()).collect();
         let stems = work.stems.clone();
         let Renderer::Device(api) = args.backend else {
             // Report invalid rules before a large scene is loaded.
@@ -120,9 +123,14 @@ impl Drawer {
             return Ok(Drawer { loaded, stems, with: With::Exact { done: Vec::new() } });
         };
         let (pipeline, set) = (&args.drawing.pipeline, &args.drawing.set);
+        let (sender, chosen) = channel();
         let open = || {
-            let device =
-                info_span!("open the device").in_scope(|| Backend::open(api, &args.device.options()))?;
+            let tell = &mut |info: &DeviceInfo| _ = sender.send(info.facts);
+            let device = info_span!("open the device")
+                .in_scope(|| Backend::open_telling(api, &args.device.options(), tell));
+            // Without a device, the other thread must not wait for one.
+            drop(sender);
+            let device = device?;
             let checked = |set: &[_]| args.scenes.check_header(device.info(), pipeline, set);
             // A scene that is too large may fit in a packed storage. If not, report the error of the requested storage.
             info_span!("check the scene's header").in_scope(|| {
@@ -133,8 +141,21 @@ impl Drawer {
             })?;
             Ok(device)
         };
-        let (device, loaded) = loading::open_and_load(open, load)?;
+        // The plan of the first view is built while the device is created. If it has errors, building it again reports them.
+        let names = requested.clone();
+        let load_and_plan = move |cancel: &_| {
+            let loaded = load(cancel)?;
+            let early = chosen.recv().ok().zip(loaded.cameras.first()).and_then(|(device, camera)| {
+                let size = (camera.width, camera.height);
+                EarlyPlan::new((pipeline, set), names, &loaded.scene, &device, size).ok()
+            });
+            Ok((loaded, early))
+        };
+        let (device, (loaded, early)) = loading::open_and_load(open, load_and_plan)?;
         let mut session = Session::new(device, loaded.scene.clone(), pipeline, set);
+        if let Some(early) = early {
+            session = session.with_plan(early);
+        }
         if !args.inspect.is_empty() {
             session.keep_contents();
             say(
@@ -145,8 +166,7 @@ impl Drawer {
         if args.repeat > 1 && session.device().info().is_cpu() {
             say(CPU_TIMES);
         }
-        let names: Vec<String> = args.named().map(|(name, _)| outputs::source_of(name).to_owned()).collect();
-        session.set_outputs(&names);
+        session.set_outputs(&requested);
         let sizes = loaded.cameras.iter().map(|camera| (camera.width, camera.height));
         let largest = sizes.max_by_key(|(width, height)| u64::from(*width) * u64::from(*height));
         let limit = args.memory.memory;

@@ -16,7 +16,6 @@
 use crate::draw::animation::background_note;
 use crate::draw::backend::Backend;
 use crate::draw::capacity::Capacities;
-use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit;
 use crate::draw::inspect::InspectError;
 use crate::draw::planner::{self, GraphErrors, Planner};
@@ -35,9 +34,11 @@ use std::sync::Arc;
 use std::time::Instant;
 use tracing::info_span;
 
+mod early;
 mod flight;
 mod pixels;
 
+pub use early::EarlyPlan;
 pub use pixels::{PixelsError, image_of};
 
 /// Error of a session.
@@ -130,6 +131,8 @@ pub struct Session {
     loaded: Option<(Arc<Plan>, (u32, u32))>,
     /// Plans of the current graph, settings and scene; empty if none were given. See [`Session::set_planned`].
     built: Built,
+    /// Plan for a picture size that this planner built ahead, with the default capacities; see [`Session::with_plan`].
+    early: Option<((u32, u32), Plan)>,
     frame: u32,
     /// Frames in flight of plans whose lists can grow, in the order of submission, with the inputs to repeat them.
     flying: Vec<Flight>,
@@ -186,12 +189,20 @@ impl Session {
             told_settings: BTreeSet::new(),
             loaded: None,
             built: Built::default(),
+            early: None,
             frame: 0,
             flying: Vec::new(),
             finished: BTreeMap::new(),
             growths: 0,
             completed: None,
         }
+    }
+
+    /// Gives a new session its first plan, which [`Session::prepare`] then only loads. The plan must be of the session's
+    /// graph, parameters, scene and device. It is discarded like a loaded one.
+    pub fn with_plan(self, early: EarlyPlan) -> Session {
+        let EarlyPlan { planner, size, plan } = early;
+        Session { planner, early: Some((size, plan)), ..self }
     }
 
     /// Opens another session on the same device and scene, with another graph.
@@ -218,6 +229,7 @@ impl Session {
     /// Gives every resource of later plans its own memory, so that its contents can be read after any pass.
     pub fn keep_contents(&mut self) {
         self.planner.share_memory = false;
+        self.early = None;
     }
 
     /// Requests outputs of the graph besides its picture, such as `depth`, from the next [`Session::prepare`]. If the
@@ -283,6 +295,7 @@ impl Session {
 
     fn forget_plan(&mut self) {
         self.loaded = None;
+        self.early = None;
         self.built = Built::default();
         self.flying.clear();
         self.finished.clear();
@@ -308,8 +321,7 @@ impl Session {
     }
 
     fn facts(&self, size: (u32, u32)) -> (Facts, Catalog) {
-        let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
-        (facts, facts::catalog(&self.scene))
+        early::facts_of(&self.scene, &self.device.info().facts, size)
     }
 
     /// Builds the plan for a picture size, without loading it. Growing parameters have their defaults.
@@ -493,9 +505,14 @@ impl Session {
     }
 
     fn build(&mut self, size: (u32, u32)) -> Result<Plan, SessionError> {
-        let (facts, catalog) = info_span!("collect facts").in_scope(|| self.facts(size));
-        let plan = info_span!("build the plan")
-            .in_scope(|| self.planner.plan(&self.pipeline, &self.set, &facts, &catalog));
+        if let Some((of, plan)) = self.early.take()
+            && of == size
+            && self.planner.capacities == Capacities::default()
+        {
+            return Ok(plan);
+        }
+        let graph = (self.pipeline.as_str(), self.set.as_slice());
+        let plan = early::plan_on(&mut self.planner, graph, &self.scene, &self.device.info().facts, size);
         plan.map_err(|errors| match self.scene.count() {
             0 => SessionError::NoSplats { dropped: self.scene.dropped().total(), errors },
             _ => errors.into(),

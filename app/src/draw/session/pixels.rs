@@ -3,6 +3,7 @@
 use crate::io::image::Image;
 use half::f16;
 use half::slice::HalfFloatSliceExt;
+use rayon::prelude::*;
 use splatgraph_api::Pixels;
 use splatgraph_framework::ir::Format;
 
@@ -34,41 +35,45 @@ pub enum PixelsError {
 /// # Errors
 /// The format has no colours, or the bytes do not match the size.
 pub fn image_of(pixels: &Pixels) -> Result<Image, PixelsError> {
-    let (width, height) = (pixels.width as usize, pixels.height as usize);
-    let rgb: Vec<[f32; 3]> = match pixels.format {
+    let (width, height, format) = (pixels.width as usize, pixels.height as usize, pixels.format);
+    if matches!(format, Format::R32Uint | Format::Depth32Float) {
+        return Err(PixelsError::NoColours(format.name()));
+    }
+    let (bytes, row) = (pixels.bytes.len(), width * format.bytes_per_pixel() as usize);
+    if bytes != row * height {
+        return Err(PixelsError::Size { width, height, format: format.name(), bytes });
+    }
+    // In parallel, because the kernel maps new memory page by page as it is written.
+    let mut rgb = vec![[0.0; 3]; width * height];
+    rgb.par_chunks_mut(width.max(1))
+        .zip(pixels.bytes.par_chunks(row.max(1)))
+        .for_each(|(rgb, bytes)| convert_row(format, bytes, rgb));
+    Ok(Image { width, height, rgb })
+}
+
+/// Converts a row of pixels. The format has colours.
+fn convert_row(format: Format, bytes: &[u8], rgb: &mut [[f32; 3]]) {
+    let single = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+    match format {
         Format::Rgba8Unorm => {
-            pixels.bytes.chunks_exact(4).map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0)).collect()
+            let colours = bytes.chunks_exact(4).map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0));
+            rgb.iter_mut().zip(colours).for_each(|(rgb, colour)| *rgb = colour);
         }
         Format::Rgba16Float => {
-            // Whole rows are converted at once: several times as fast as single numbers.
-            let mut rgb = Vec::with_capacity(width * height);
-            let (mut halves, mut singles) = (vec![f16::ZERO; 4 * width], vec![0.0; 4 * width]);
-            for row in pixels.bytes.chunks_exact(8 * width.max(1)) {
-                let bytes = row.chunks_exact(2).map(|b| f16::from_le_bytes([b[0], b[1]]));
-                halves.iter_mut().zip(bytes).for_each(|(half, read)| *half = read);
-                halves.convert_to_f32_slice(&mut singles);
-                rgb.extend(singles.chunks_exact(4).map(|p| [p[0], p[1], p[2]]));
-            }
-            rgb
+            // A row is converted at once: several times as fast as single numbers.
+            let halves: Vec<f16> = bytes.chunks_exact(2).map(|b| f16::from_le_bytes([b[0], b[1]])).collect();
+            let singles = halves.to_f32_vec();
+            rgb.iter_mut().zip(singles.chunks_exact(4)).for_each(|(rgb, p)| *rgb = [p[0], p[1], p[2]]);
         }
         Format::Rgba32Float => {
-            let single = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
-            pixels
-                .bytes
-                .chunks_exact(16)
-                .map(|p| [single(&p[..4]), single(&p[4..8]), single(&p[8..12])])
-                .collect()
+            let colours =
+                bytes.chunks_exact(16).map(|p| [single(&p[..4]), single(&p[4..8]), single(&p[8..12])]);
+            rgb.iter_mut().zip(colours).for_each(|(rgb, colour)| *rgb = colour);
         }
-        Format::R32Float => {
-            pixels.bytes.chunks_exact(4).map(|p| [f32::from_le_bytes([p[0], p[1], p[2], p[3]]); 3]).collect()
+        Format::R32Float | Format::R32Uint | Format::Depth32Float => {
+            rgb.iter_mut().zip(bytes.chunks_exact(4)).for_each(|(rgb, b)| *rgb = [single(b); 3]);
         }
-        Format::R32Uint | Format::Depth32Float => return Err(PixelsError::NoColours(pixels.format.name())),
-    };
-    if rgb.len() != width * height {
-        let (bytes, format) = (pixels.bytes.len(), pixels.format.name());
-        return Err(PixelsError::Size { width, height, format, bytes });
     }
-    Ok(Image { width, height, rgb })
 }
 
 #[cfg(test)]

@@ -77,6 +77,31 @@ fn a_plan_that_was_built_before_is_taken_until_a_list_grows_or_the_graph_changes
 }
 
 #[test]
+fn a_plan_built_before_the_device_is_the_first_of_its_size_and_only_until_something_changes() {
+    let early = || {
+        let scene = synth::generate("demo", 10, 0).expect("a scene");
+        let (null, _) = open(&Config { read: 300, ..Config::default() });
+        let device = Backend::Null(null.expect("it opens"));
+        // The plan of other settings shows where a plan comes from.
+        let graph = (GRAPH, &[("entries".to_owned(), "250".to_owned())][..]);
+        let early = EarlyPlan::new(graph, Vec::new(), &scene, &device.info().facts, SIZE);
+        Session::new(device, scene, GRAPH, &[]).with_plan(early.unwrap_or_else(|errors| panic!("{errors}")))
+    };
+    let prepared = |mut session: Session, size| {
+        session.prepare(size, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
+        entries(&session)
+    };
+    assert_eq!(prepared(early(), SIZE), Value::Int(250));
+    assert_eq!(prepared(early(), (64, 32)), Value::Int(100), "another size");
+    let mut session = early();
+    session.set_graph(GRAPH, &[]);
+    assert_eq!(prepared(session, SIZE), Value::Int(100));
+    let mut session = early();
+    session.keep_contents();
+    assert_eq!(prepared(session, SIZE), Value::Int(100));
+}
+
+#[test]
 fn a_camera_of_another_size_is_an_error_that_names_both() {
     let (mut session, _, camera) = session(1, Config::default());
     let error = draw(&mut session, &camera.resized(80, 45)).map(drop).expect_err("another size");

@@ -43,10 +43,12 @@ impl Gpu for MetalGpu {
     fn open(
         options: &Options,
         window: Option<Arc<dyn Window>>,
+        chosen: &mut dyn FnMut(&DeviceInfo),
     ) -> Result<(DeviceInfo, Arc<Self>), BackendError> {
         check_validation(options.validation)?;
         let physical = device::choose(device::all(), options.device.as_deref())?;
         let info = physical.info.clone();
+        chosen(&info);
         Ok((info, Arc::new(MetalGpu::new(physical, window, options)?)))
     }
 
