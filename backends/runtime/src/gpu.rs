@@ -103,8 +103,8 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Returns the image uses that the device supports for a format.
     fn format_support(&self, format: Format) -> FormatSupport;
 
-    /// Blocks until the device has finished all submitted work or is lost. Returns false once `limit` has passed. Other
-    /// threads can submit meanwhile.
+    /// Blocks until the device has finished all submitted work or is lost. Returns false once `limit` has passed, or if
+    /// the wait fails. Other threads can submit meanwhile.
     fn wait_idle(&self, limit: Duration) -> bool;
 
     /// Creates a buffer without memory, and returns its memory requirements.
@@ -146,8 +146,8 @@ pub trait Gpu: Sized + Send + Sync + 'static {
 
     /// Creates the pipelines of all dispatches and draws of a checked plan.
     ///
-    /// Calls `next` before each pipeline, and stops if it returns an error. Runs on a thread that may outlive its
-    /// caller.
+    /// Calls `next` before each pipeline that it creates or waits for, and stops if `next` returns an error. Runs on a
+    /// thread that may outlive its caller.
     fn create_pipelines(
         self: &Arc<Self>,
         plan: &Plan,
@@ -212,7 +212,7 @@ pub trait Swapchain<G: Gpu>: Sized + Send + 'static {
 /// The pipeline about to be created, for progress and errors; see [`crate::PipelineStates::next`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NextPipeline {
-    /// Pipelines created so far.
+    /// Number of pipelines before this one, all of which exist: the index of this one.
     pub done: usize,
     /// Total pipelines of the plan.
     pub of: usize,
@@ -544,7 +544,7 @@ pub trait Encoder<G: Gpu>: Sized + Send + 'static {
         slot: usize,
     );
 
-    /// Dispatches workgroups in x, y and z.
+    /// Dispatches `groups` workgroups in x, y and z.
     fn dispatch(&mut self, groups: [u32; 3]);
 
     /// Dispatches workgroups. Their counts in x, y and z are three words at a byte offset of a buffer.
@@ -561,8 +561,8 @@ pub trait Encoder<G: Gpu>: Sized + Send + 'static {
     /// Fills a whole buffer with a 32-bit word.
     fn fill(&mut self, buffer: &Buffer<G>, value: u32);
 
-    /// Fills an image with zeros. It is in [`Layout::TransferTarget`], which therefore must be a layout in which the API
-    /// clears images. [`full_barrier`](Encoder::full_barrier) also moves the images of continued histories into it.
+    /// Fills an image in [`Layout::TransferTarget`] with zeros. The API must be able to clear images in this layout.
+    /// [`full_barrier`](Encoder::full_barrier) also moves the images of continued histories into it.
     fn clear(&mut self, image: &Image<G>);
 
     /// Copies bytes from one buffer to another.
