@@ -33,8 +33,8 @@ pub struct Camera {
     pub fx: f64,
     /// Vertical focal length, in the unit of `fx`.
     pub fy: f64,
-    /// Principal point, where the view's axis meets the image: right and down from the image's centre, in pixels. It is
-    /// the centre of an equirectangular image.
+    /// Principal point, where the view's axis meets the image: right and down from the image's centre, in pixels. In an
+    /// equirectangular image, it must be the centre.
     pub principal_offset: [f64; 2],
     /// Mapping from view space to the picture; pinhole if the file does not name it.
     pub projection: Projection,

@@ -270,7 +270,7 @@ impl Scene {
     /// Returns the world's coordinates of the scene's origin.
     ///
     /// The scene's positions and boxes, and the cameras that draw it, are relative to it; files and reports have the
-    /// world's coordinates. It is 0 unless the file's coordinates exceed the precision of f32;
+    /// world's coordinates. It is 0 unless the file places the splats far from 0, with more precision than f32;
     /// [`Camera::relative_to`](crate::Camera::relative_to) translates cameras from the world into the scene.
     pub fn offset(&self) -> [f64; 3] {
         self.offset
