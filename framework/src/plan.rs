@@ -135,8 +135,8 @@ impl Plan {
         phases.into_iter().collect()
     }
 
-    /// Describes the effect of a parameter in a sentence: whether it decides which passes there are, and the passes
-    /// that it changes, or the reason why it has no effect. `None` for an unknown name.
+    /// Describes the effect of a parameter in a sentence. It says whether the parameter decides which passes there are,
+    /// and the passes that it changes, or why it has no effect. `None` for an unknown name.
     pub fn effect_text(&self, parameter: &str) -> Option<String> {
         let effect = self.effect(parameter)?;
         if let Some(why) = &effect.none {
@@ -266,8 +266,8 @@ pub struct Resource {
     /// The memory block of a transient resource; `None` for all others.
     pub block: Option<BlockId>,
     /// Name under which the contents persist across frames; `None` if they do not persist. The next plan of the same
-    /// scene inherits the contents if it has a history of the same name and shape, which its prologue only zeroes. Of a
-    /// ping-pong resource, only the half in front at the end of a frame has the name.
+    /// scene inherits the contents if it has a history of the same name and shape, without further uses, which its
+    /// prologue only zeroes. Of a ping-pong resource, only the half in front at the end of a frame has the name.
     pub history: Option<String>,
     /// Position of the resource's declaration in the graph's files.
     pub origin: Origin,
@@ -288,7 +288,7 @@ impl Resource {
     }
 }
 
-/// A requirement that an access of a later pass runs after an access of an earlier pass and sees its writes.
+/// A requirement that an access of a later pass follows one of an earlier pass and sees its writes.
 ///
 /// A read depends on the last write. A write depends on all reads since the last write, or on that write if there are
 /// none. All other order follows from chains of dependencies.

@@ -61,7 +61,7 @@ pub struct Dump {
     pub stats: Vec<Stat<String>>,
     /// Total GPU milliseconds of the frame's passes, set by [`Dump::with_times`]; `None` if a needed time is missing.
     pub gpu_ms: Option<f64>,
-    /// Measured GPU milliseconds of a frame, from its first command to its last, set by the caller; `None` without a
+    /// Measured GPU milliseconds of a frame, from its first command to its last. Set by the caller; `None` without a
     /// measurement. Exceeds `gpu_ms` if the device works between passes, or if its timestamps of passes are inaccurate.
     #[serde(default)]
     pub frame_ms: Option<f64>,
@@ -190,7 +190,7 @@ pub struct DumpResource {
     pub usage: Usage,
     /// The [block](DumpBlock::id) of a transient resource; `None` for other sources.
     pub block: Option<u32>,
-    /// First and last use in the frame; `None` if the resource is not transient, is unused in the frame, or has
+    /// First and last use in the frame. `None` if the resource is not transient, is unused in the frame, or has
     /// contents that outlive the frame.
     pub lifetime: Option<Lifetime>,
     /// True if the resource is freed once the prologue has run, because only the prologue needs it.
@@ -522,7 +522,8 @@ impl Dump {
 }
 
 impl DumpPass {
-    /// Returns true if the time of the pass may be missing: it has little or no work, or a backend may skip it.
+    /// Returns true if the time of the pass may be missing. Such a pass has little or no work, or a backend may skip
+    /// it.
     pub fn needs_no_time(&self) -> bool {
         matches!(self.kind.as_str(), "export" | "host" | "start")
     }

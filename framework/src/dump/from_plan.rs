@@ -15,7 +15,7 @@ use indexmap::{IndexMap, IndexSet};
 use std::collections::HashSet;
 use std::ops::Range;
 
-/// Returns the plan with names in place of numbers, and without barriers: a backend adds those of its API with
+/// Returns the plan with names in place of numbers, and without barriers. A backend adds those of its API with
 /// [`Dump::with_barriers`].
 pub fn dump(plan: &Plan) -> Dump {
     let mut passes: Vec<DumpPass> = plan.order().map(|id| pass_of(plan, id)).collect();

@@ -7,8 +7,8 @@ use super::form::{BarrierTotals, Declared, Dump, DumpBarrier, DumpCause, DumpPas
 use crate::ir::{Hazard, Run, bytes};
 use crate::plan::{Cause, Dependency, Since};
 
-/// Formats a dump, except its encoders: sections such as the resources, the passes in execution order with their
-/// barriers, and the culled passes.
+/// Formats a dump, except its encoders. The text has sections such as the resources, the passes in execution order with
+/// their barriers, and the culled passes.
 pub fn text(dump: &Dump) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.

@@ -64,8 +64,7 @@ impl Expr {
         names.into_iter()
     }
 
-    /// Returns the error for the first name that the scope does not have, also in an operand that [`Expr::eval`] would
-    /// skip.
+    /// Returns the error for the first name that the scope lacks, also in an operand that [`Expr::eval`] would skip.
     pub(crate) fn unknown_name(&self, scope: &dyn Scope) -> Option<ExprError> {
         eval::first_unknown(&self.root, scope)
     }

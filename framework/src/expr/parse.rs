@@ -1,5 +1,5 @@
-//! Parses by precedence climbing: an operand, then every operator that binds at least as tightly as the minimum, each
-//! with a right-hand side that binds more tightly.
+//! Parses by precedence climbing. Reads an operand, then every operator that binds at least as tightly as the minimum,
+//! each with a right-hand side that binds more tightly.
 
 use std::ops::Range;
 

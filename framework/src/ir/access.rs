@@ -132,7 +132,7 @@ pub enum Layout {
     DepthTarget,
     /// Source of a copy.
     TransferSource,
-    /// Destination of a clear. No plan copies to an image.
+    /// Destination of a clear, or of a backend's copy of a history. No plan copies to an image.
     TransferTarget,
 }
 

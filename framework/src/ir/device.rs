@@ -27,8 +27,8 @@ pub struct DeviceFacts {
     pub max_targets: u32,
     /// Maximum width and height of an image, in pixels.
     pub max_image_size: u32,
-    /// True if blending into half-precision targets is known to round to nearest, or is the most precise blending that
-    /// the device has; false if it may truncate.
+    /// True if blending into half-precision targets is known to round to nearest, or is the device's most precise
+    /// blending. False if it may truncate.
     pub rounds_half: bool,
     /// True if `fma` in shaders is known to round once; false if it may also round the product.
     pub fused_fma: bool,

@@ -1,4 +1,4 @@
-//! Defines the plain types shared by the compiler's steps, the backends and the application: the parts of a
+//! Defines the plain types shared by the compiler's steps, the backends and the application. They are the parts of a
 //! [`Request`] and of a [`Plan`](crate::plan::Plan).
 //!
 //! The rest of this crate imports this module; it imports nothing from the crate.

@@ -90,7 +90,7 @@ impl fmt::Display for Domain {
 pub enum ParamBinding {
     /// A constant of the plan and a define of the shaders.
     Const,
-    /// A 4-byte member of the live uniform block: a float, an int, or a uint for a bool or a choice.
+    /// A 4-byte member of the live uniform block: float, int, or uint (for a bool or a choice).
     Live {
         /// Byte offset in the block.
         offset: u32,

@@ -56,8 +56,8 @@ pub enum Source {
         /// Full name of the block, such as `frame.camera`.
         uniform: String,
     },
-    /// A storage buffer of varying length that the host supplies with every frame: words from the host, or another
-    /// plan's output on the same device. No pass writes it. Its shape has the minimum length.
+    /// A storage buffer of varying length that the host supplies with every frame. It has words from the host, or is
+    /// another plan's output on the same device. No pass writes it. Its shape has the minimum length.
     HostBuffer {
         /// Full name of the buffer, such as `frame.words`.
         buffer: String,

@@ -21,8 +21,8 @@ pub struct Shader {
     pub msl: Option<Arc<Msl>>,
 }
 
-/// A shader in the Metal Shading Language, with the indices of its bindings in the stage's argument tables: one for
-/// buffers and one for textures.
+/// A shader in the Metal Shading Language, with the indices of its bindings in the stage's argument tables. A stage has
+/// one table for buffers and one for textures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Msl {
     /// Source text of a library with a single function.
@@ -139,7 +139,7 @@ pub struct ReflectedBinding {
     pub atomics: bool,
     /// True if every load and store is atomic, so that invocations do not race.
     pub atomics_only: bool,
-    /// True if the first access in the code is a store without a read: a shader may clear counters before use.
+    /// True if the first access in the code is a store without a read, as when a shader first clears counters.
     pub writes_first: bool,
     /// True if a block has only 32-bit floats, also in vectors, matrices, arrays and structs. False for images.
     pub floats: bool,

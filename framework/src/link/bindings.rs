@@ -366,7 +366,7 @@ pub(super) fn once_every_frame(pass: &LoweredPass, span: Span, label: impl Into<
     Diagnostic::new(message, span, label).with_help("let it run every frame, or give it constants")
 }
 
-/// Describes why a push constant cannot have a value, and suggests an expression that it can have, if there is one.
+/// Describes why a push constant cannot have a value. Also suggests an expression that it can have, if there is one.
 fn unfit(kind: MemberKind, value: &Value) -> (String, Option<&'static str>) {
     let (expected, help) = match (kind, value) {
         (MemberKind::Uint, Value::Int(_)) => ("an integer from 0 to 4294967295", None),

@@ -29,7 +29,7 @@ pub(super) struct Opened {
     pub require: Vec<Requirement>,
 }
 
-/// An entry of `require`: a requirement of a graph, of a preset, or of a choice for one of its graphs.
+/// An entry of `require` of a graph, of a preset, or of a choice for one of its graphs.
 #[derive(Clone, Debug)]
 pub(super) struct Requirement {
     pub condition: Expression,

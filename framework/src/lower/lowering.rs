@@ -91,8 +91,9 @@ impl Level {
         }
     }
 
-    /// Returns true if the graph declares a resource of this name, or if an include can have it: one that is removed,
-    /// or one with a graph that declares it and is not drawn here.
+    /// Returns true if the graph declares a resource of this name, or if an include can have it. It can if it is
+    /// removed, if any graph of its choice declares the resource, or if the name is of a nested include, which is not
+    /// searched.
     pub fn may_have(&self, name: &str) -> bool {
         let Some((include, rest)) = name.split_once('.') else { return self.handles.contains_key(name) };
         let declares = |graph: &Graph| {

@@ -182,7 +182,7 @@ pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec
     Ok((folded(&chosen.opened.summary), controls))
 }
 
-/// Lists the names of a request's settings that its graph rejects: the parameter is unknown, or its type or range
+/// Lists the names of a request's settings that its graph rejects. Their parameter is unknown, or its type or range
 /// excludes the value. The range may depend on other settings; rejected settings are ignored there.
 ///
 /// # Errors

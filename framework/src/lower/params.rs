@@ -205,9 +205,9 @@ fn one(
     Ok(Made { param, unset, params, range, skipped })
 }
 
-/// Returns the scopes of a parameter's expressions: one per include around it, innermost first, then the scope of the
-/// graph that has it. An include adds only the values of `set` that the parameter needs: others may use `let`s of the
-/// includer, which have no values yet.
+/// Returns the scopes of a parameter's expressions. There is one per include around it, innermost first, then that of
+/// the graph that has it. An include adds only the values of `set` that the parameter needs: others may use `let`s of
+/// the includer, which have no values yet.
 fn around<'a>(
     declared: &Declared,
     setting: Option<&Setting>,
@@ -406,7 +406,8 @@ pub(super) fn check_given(
     }
 }
 
-/// Returns true if a string is a value of a choice: one of its options, or an identifier that is not a name.
+/// Returns true if a string in place of a choice's value is a literal. It is then one of the options, or an identifier
+/// that is not a name.
 fn is_literal(text: &String, of: &[String], names: &Names) -> bool {
     of.contains(text) || is_identifier(text) && !names.values.contains_key(text)
 }
@@ -496,8 +497,9 @@ pub(super) fn included(
     Ok((param, params))
 }
 
-/// Generates `live.glsl` for a graph: the block of live parameters with the members in `params`, or only a comment if
-/// none is live. Members of other graphs are left out: their names could clash with names in the graph's shaders.
+/// Generates `live.glsl` for a graph. It has the block of live parameters with the members in `params`, or only a
+/// comment if none is live. Members of other graphs are left out: their names could clash with names in the graph's
+/// shaders.
 pub(super) fn live_glsl(params: &[Param]) -> String {
     let member = |param: &Param| {
         let ParamBinding::Live { offset } = param.binding else { return None };

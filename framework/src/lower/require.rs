@@ -181,7 +181,7 @@ fn unmet(require: &[Requirement], names: &Names) -> Result<Needs, Vec<Diagnostic
     if errors.is_empty() { Ok(needs) } else { Err(errors) }
 }
 
-/// Adds every fallback to the errors as help: the errors may be about a graph that the user did not ask for.
+/// Adds every fallback to the errors as help. The errors may be about a graph that the user did not ask for.
 pub(super) fn explained(errors: Vec<Diagnostic>, fallbacks: &[Fallback]) -> Vec<Diagnostic> {
     let explain = |error: Diagnostic| fallbacks.iter().fold(error, |error, s| error.with_help(s.to_string()));
     errors.into_iter().map(explain).collect()

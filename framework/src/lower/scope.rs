@@ -167,8 +167,8 @@ impl Names {
         names.filter_map(|(name, _)| self.params.get(name)).flatten().copied().collect()
     }
 
-    /// Returns true if a number has the same value in every plan: it uses no parameter, no fact, and no variable of a
-    /// repeat.
+    /// Returns true if a number uses no parameter, no fact, and no variable of a repeat. It then has the same value in
+    /// every plan.
     pub fn is_constant(&self, number: &Number) -> bool {
         match number {
             Number::Literal(_) => true,

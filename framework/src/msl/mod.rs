@@ -105,7 +105,7 @@ fn check(places: &Places, sizes: bool, reflection: &Reflection) -> Result<(), St
     }
 }
 
-/// Refuses atomics on images: below Metal 3.1, SPIRV-Cross emulates them with a buffer that shares the image's memory,
+/// Refuses atomics on images. Below Metal 3.1, SPIRV-Cross emulates them with a buffer that shares the image's memory,
 /// which nothing binds.
 fn check_images(reflection: &Reflection) -> Result<(), String> {
     let is_image = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageImage { .. });

@@ -187,7 +187,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// Demands a dependency on the preceding accesses: for a read, on the last write; for a write, on the reads since
+    /// Demands a dependency on the preceding accesses. A read depends on the last write; a write, on the reads since
     /// the last write, or on that write if there are none. A layout change (without a `target`) counts as a write, and
     /// depends on nothing before the last change.
     fn look_back(&mut self, cell: usize, now: Occurrence, resource: ResourceId, target: Option<&'a Access>) {
@@ -329,7 +329,7 @@ impl<'a> Check<'a> {
     }
 }
 
-/// Returns true unless the pass of a read also writes at that stage: the dependency on the write then covers the read.
+/// Returns true unless the pass of a read also writes at that stage. The dependency on that write then covers the read.
 fn is_apart(read: &Access, accesses: &[&Access]) -> bool {
     !accesses.iter().any(|other| other.writes() && other.stage == read.stage)
 }

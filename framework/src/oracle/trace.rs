@@ -45,8 +45,8 @@ impl Access {
     }
 }
 
-/// Two accesses of one pass to the same memory that no barrier can order: through different resources, or at different
-/// stages.
+/// Two accesses of one pass to the same memory that no barrier can order. They are through different resources, or at
+/// different stages.
 #[derive(Clone)]
 pub struct Clash {
     /// The earlier of the two in [`Actions::accesses`].

@@ -37,7 +37,7 @@ pub fn folded(text: &str) -> String {
     text.lines().map(str::trim).collect::<Vec<_>>().join(" ")
 }
 
-/// A reference to a resource: a name, `front` or `back` of a ping-pong resource, `last` (the previous frame's
+/// A reference to a resource. It is a name, `front` or `back` of a ping-pong resource, `last` (the previous frame's
 /// contents), or an expression that chooses one.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(from = "String")]

@@ -211,8 +211,8 @@ impl Walk<'_> {
         }
     }
 
-    /// Adds the dependencies of the layout change before a pass: on the reads since the last write or layout change, or
-    /// without such reads on that write. A later change does not wait for these accesses again.
+    /// Adds the dependencies of the layout change before a pass. It depends on the reads since the last write or layout
+    /// change, or without such reads on that write. A later change does not wait for these accesses again.
     fn change(&mut self, pass: PassId, group: &Group, found: &mut Vec<Dependency>) {
         let mut target = (Stages::empty(), Accesses::empty());
         for access in &group.accesses {

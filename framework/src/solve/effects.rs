@@ -20,7 +20,8 @@ pub(super) struct Causes {
     resources: BTreeMap<String, ParamSet>,
     /// Parameters that decide which passes exist; see [`Effect::shape`].
     shape: ParamSet,
-    /// For each parameter without an effect, where it would have one, as a phrase; `None` if no such place is known.
+    /// For each parameter, where it would have an effect, as a phrase. `None` if it has one here, or if no such place
+    /// is known.
     hints: Vec<Option<String>>,
 }
 

@@ -72,7 +72,7 @@ pub fn reorder(plan: &Plan, frame: &[PassId], share_memory: bool) -> Plan {
     plan
 }
 
-/// Returns the positions in the frame at which each resource is alive; `None` for resources that are not transient,
+/// Returns the positions in the frame at which each resource is alive. `None` for resources that are not transient,
 /// outlive a frame or are unused.
 pub(crate) fn lifetimes(plan: &Plan) -> impl Iterator<Item = Option<Range<usize>>> {
     let lives = memory::lives(&plan.passes, &plan.frame, &plan.resources);
@@ -89,8 +89,9 @@ pub fn add_dependencies(plan: &mut Plan) {
     (plan.layout_changes, plan.dependencies) = dependencies::dependencies(plan);
 }
 
-/// Creates the last passes of a frame: the export, which prepares outputs for copies, and, if there are statistics, the
-/// host pass, which reads them. In that case, the export copies them to a buffer that this function adds to `lowered`.
+/// Creates the last passes of a frame: the export, and the host pass if there are statistics. The export prepares
+/// outputs for copies, and copies statistics to a buffer that this function adds to `lowered`. The host pass reads them
+/// there.
 fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
     let span = lowered.output_span;
     let touch =
@@ -142,8 +143,8 @@ fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
     vec![pass(EXPORT, Work::Export, uses), pass(HOST, Work::Host, vec![read])]
 }
 
-/// Drops histories whose contents cannot matter: no pass reads them by `last(name)`, no `Once` pass uses them, and
-/// a frame that uses them first overwrites them completely.
+/// Drops histories whose contents cannot matter. They do not if no pass reads them by `last(name)`, no `Once` pass uses
+/// them, and a frame that uses them first overwrites them completely.
 ///
 /// A fill and a cleared target overwrite everything; a shader is never assumed to. All other histories keep their
 /// contents.

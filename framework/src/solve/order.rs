@@ -285,8 +285,8 @@ fn live(passes: &[LinkedPass], users: &[Vec<User>], lowered: &Lowered) -> Vec<bo
 struct Sources {
     /// Indices of the writers in the list of the resource's users, ascending.
     writers: Vec<usize>,
-    /// True if contents persist to the next frame (a `Once` pass wrote them, or there is a history), until the search
-    /// has followed them.
+    /// True if contents persist to the next frame, until the search has followed them. They do if a `Once` pass wrote
+    /// them, or if there is a history.
     carried: bool,
     /// One flag per writer: true once the search has visited it and the writers before it.
     followed: Vec<bool>,

@@ -99,7 +99,7 @@ impl Content {
 pub(crate) struct Stamp {
     length: u64,
     pub modified: Option<SystemTime>,
-    /// Device, inode, and the time of the last change to either content or inode, in nanoseconds; zeros on systems
+    /// Device, inode, and the time of the last change to either content or inode, in nanoseconds. Zeros on systems
     /// without inodes.
     inode: (u64, u64, i128),
 }
@@ -200,7 +200,7 @@ pub(super) fn as_text(mut bytes: Vec<u8>) -> Result<String, (String, Range<usize
     })
 }
 
-/// Describes the folder or the link at a path without a file, such as ` (a folder)`; empty if there is neither.
+/// Describes the folder or the link at a path without a file, such as ` (a folder)`. Empty if there is neither.
 pub(super) fn obstacle(path: &Path) -> String {
     if path.is_dir() {
         return " (a folder)".to_string();

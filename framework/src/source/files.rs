@@ -242,7 +242,8 @@ impl SourceMap {
         self.file(file).map_or("<unknown file>", |f| &f.path)
     }
 
-    /// Returns the path of a file for messages, with a remark if it is built in: then there may be no such file on disk.
+    /// Returns the path of a file for messages, with a remark if it is built in. Then there may be no such file on
+    /// disk.
     pub fn shown_path(&self, file: FileId) -> Cow<'_, str> {
         let path = self.path(file);
         if self.is_built_in(file) { Cow::Owned(format!("{path} (built in)")) } else { Cow::Borrowed(path) }
@@ -265,8 +266,7 @@ impl SourceMap {
         self.file(file).map_or("", |f| &f.text)
     }
 
-    /// Returns a number that differs from that of every other file of this process, so that it identifies the text; 0 for
-    /// an invalid id.
+    /// Returns a number that identifies the text among all files of this process; 0 for an invalid id.
     pub(crate) fn serial(&self, file: FileId) -> u64 {
         self.file(file).map_or(0, |file| file.serial)
     }

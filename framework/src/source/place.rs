@@ -69,8 +69,8 @@ impl Place {
         self.outline.span(node.key.clone().filter(|_| self.exists).unwrap_or(node.inside()))
     }
 
-    /// Returns a span for errors about a missing part: the name or bracket at the start of a struct, variant or list.
-    /// For other elements, returns [`Place::span`].
+    /// Returns a span for errors about a missing part. It is the name or bracket at the start of a struct, variant,
+    /// list or map. For other elements, returns [`Place::span`].
     pub fn head(&self) -> Span {
         self.outline.span(self.node().shallow())
     }

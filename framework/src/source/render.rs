@@ -106,8 +106,9 @@ fn render_one(
     renderer.render(&[group])
 }
 
-/// Replaces characters that terminals interpret and `annotate_snippets` keeps: C1 control characters, and characters
-/// that change the text direction or break lines. Each replacement has the same length in bytes, so spans stay valid.
+/// Replaces characters that terminals interpret and `annotate_snippets` keeps. These are C1 control characters, and
+/// characters that change the text direction or break lines. Each replacement has the same length in bytes, so spans
+/// stay valid.
 fn harmless(text: &str) -> Cow<'_, str> {
     let replaced = |c: char| match c {
         '\u{80}'..='\u{9f}' | '\u{61c}' => Some('\u{bf}'),

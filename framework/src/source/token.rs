@@ -40,7 +40,7 @@ pub(super) struct Text {
     pub value: String,
     /// Byte range of the file between the quotes.
     pub inside: Range<usize>,
-    /// Pairs of an offset in the value and its offset in the file, ascending; the first is the start of the string.
+    /// Pairs of an offset in the value and its offset in the file, ascending. The first is the start of the string.
     /// From one pair up to the next, both offsets advance together.
     pub steps: Vec<(usize, usize)>,
 }
@@ -232,7 +232,8 @@ impl<'a> Lexer<'a> {
         }
     }
 
-    /// Reads a run of characters that starts like a number: a number, a byte (`b'x'`), or a range of these (`0..=9`).
+    /// Reads a run of characters that starts like a number. It is a number, a byte (`b'x'`), or a range of these
+    /// (`0..=9`).
     fn number(&mut self) -> Result<TokenKind> {
         let start = self.at;
         while let Some(&byte) = self.text.as_bytes().get(self.at) {

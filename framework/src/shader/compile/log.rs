@@ -311,8 +311,8 @@ impl Entry<'_> {
     }
 }
 
-/// Returns the place of an error in a text: the nearest matching token, the token at the error's column (the other way
-/// round if `by_column`), or the whole line.
+/// Returns the place of an error in a text, and the token there, if any. The place is that of the nearest matching
+/// token, of the token at the error's column (the other way round if `by_column`), or the whole line.
 fn locate(
     text: &str,
     place: Place,
@@ -372,7 +372,7 @@ fn line_before(text: &str, start: usize) -> Range<usize> {
     text[..end].rfind('\n').map_or(0, |newline| newline + 1)..end
 }
 
-/// Returns the columns, from 1, at which glslang's preprocessor prints the tokens of a line without macros: the first
+/// Returns the columns, from 1, at which glslang's preprocessor prints the tokens of a line without macros. The first
 /// stays in place, the others follow with one space or none.
 fn printed_columns(text: &str, line_start: usize, tokens: &[Token]) -> Vec<usize> {
     let mut columns = Vec::with_capacity(tokens.len());

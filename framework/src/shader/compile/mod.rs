@@ -98,7 +98,8 @@ struct OwnKey {
     defines: Vec<(String, String)>,
     /// [`scan::Scanned::id`] of each text.
     texts: Vec<u64>,
-    /// For each text, the indices of the texts that it includes, in the order of their names; `None` for a missing file.
+    /// For each text, the indices of the texts that it includes, in the order of their names. `None` for a missing
+    /// file.
     includes: Vec<Vec<Option<usize>>>,
 }
 

@@ -33,8 +33,8 @@ pub(super) struct Reached {
     /// The first undefined name in a condition: the index of its text, and its bytes. Operands of `defined` do not
     /// count, nor do names that the compiler or an extension may define.
     pub undefined: Option<(usize, Range<usize>)>,
-    /// The first define that a compiled line declares, as in `uint COUNT`, `buffer COUNT` or `#define COUNT 3`: the
-    /// index of its text, and its bytes.
+    /// The first define that a compiled line declares, as in `uint COUNT`, `buffer COUNT` or `#define COUNT 3`. Given
+    /// by the index of its text, and its bytes.
     pub redeclared: Option<(usize, Range<usize>)>,
 }
 

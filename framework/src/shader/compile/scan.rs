@@ -266,8 +266,8 @@ pub(super) fn names(text: &str) -> impl Iterator<Item = &str> {
     tokens.into_iter().map(|token| token.of(text))
 }
 
-/// Returns the name that a declaration after `buffer` or `uniform` declares: the last word before a brace, a bracket
-/// or a semicolon. `None` if it only sets a default layout.
+/// Returns the name that a declaration after `buffer` or `uniform` declares. It is the last word before a brace, a
+/// bracket or a semicolon. `None` if it only sets a default layout.
 fn binding_name<'t>(text: &'t str, tokens: &[Token]) -> Option<&'t str> {
     let is_word = |token: &&Token| matches!(token.kind, TokenKind::Identifier | TokenKind::Newline);
     let words = tokens.iter().take_while(is_word).filter(|token| token.kind == TokenKind::Identifier);

@@ -245,7 +245,7 @@ impl Sources {
         self.units.iter().enumerate().flat_map(of).collect()
     }
 
-    /// Adds to an error in an included file where the shader includes it: in other shaders, the file may be right.
+    /// Adds to an error in an included file where the shader includes it. In other shaders, the file may be right.
     pub fn with_include(&self, error: Diagnostic) -> Diagnostic {
         let [shader, file] = [self.units[0].file, error.primary.span.file];
         let mut unit = self.units.iter().position(|unit| unit.file == file).unwrap_or(0);

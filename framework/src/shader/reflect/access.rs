@@ -24,8 +24,8 @@ pub(super) struct Accesses {
     pub written_first: HashSet<Word>,
     /// Variables that reachable code mentions, even if only to query an array's length or an image's size.
     pub touched: HashSet<Word>,
-    /// Uses of variables: the first index of an access chain (a block's member or an array's element) if it is
-    /// constant; `None` for all other uses.
+    /// Uses of variables, each with the first index of an access chain, if it is constant. The index is a block's
+    /// member or an array's element; `None` for all other uses.
     pub members: HashSet<(Word, Option<u64>)>,
 }
 
