@@ -8,8 +8,7 @@
 //! | the 3DGS reference implementation's `cameras.json` | a JSON list, or a folder with that file |
 //! | glTF, the cameras of the default scene | `glTF` in the first four bytes, or the extension `.gltf` |
 //!
-//! A folder needs `transforms.json`, `transforms_test.json` or `transforms_train.json`; `transforms_val.json` alone is not
-//! recognised.
+//! A folder whose only such file is `transforms_val.json` is not recognised.
 //!
 //! Cameras are pinholes, or have another [`Projection`](crate::Projection) if the dataset names one. A lens with
 //! distortion is refused, unless [`CameraOptions`] ignores its distortion. Principal points are those of the dataset; the
