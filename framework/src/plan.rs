@@ -26,7 +26,7 @@ pub struct Plan {
     pub name: String,
     /// One line that describes the graph.
     pub summary: String,
-    /// Graphs and presets that the requested preset or choice resolves to, in order, the graph last; empty for a graph.
+    /// Names to which the requested preset or choice leads, in order, the graph's last; empty for a graph.
     pub based_on: Vec<String>,
     /// Graphs of a choice that were rejected, in the order tried. The plan's graph is the fallback of the last one.
     pub fallbacks: Vec<Fallback>,
@@ -265,9 +265,10 @@ pub struct Resource {
     pub source: Source,
     /// The memory block of a transient resource; `None` for all others.
     pub block: Option<BlockId>,
-    /// Name under which the contents persist across frames; `None` if they do not persist. The next plan of the same
-    /// scene inherits the contents if it has a history of the same name and shape, without further uses, which its
-    /// prologue only zeroes. Of a ping-pong resource, only the half in front at the end of a frame has the name.
+    /// Name of the resource's history, whose contents persist across frames; `None` without a history. The next plan of
+    /// the same scene inherits the contents if it has a history of the same name and shape. That history must have no
+    /// use that this one lacks, and its prologue must only zero it. Of a ping-pong resource, only the half in front at
+    /// the end of a frame has the name.
     pub history: Option<String>,
     /// Position of the resource's declaration in the graph's files.
     pub origin: Origin,
@@ -383,8 +384,9 @@ impl<R> Transition<R> {
 
 /// A change of an image's layout before a pass.
 ///
-/// APIs without layouts ignore it. For others it is a write of the whole image just before the pass. It waits for the
-/// dependencies with [`Dependency::changes_layout`]; there are none if the image was never accessed.
+/// APIs without layouts ignore it. For others it is a write of the whole image just before the pass, or in the
+/// handover. It waits for the dependencies with [`Dependency::changes_layout`]; there are none if the image was never
+/// accessed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LayoutChange {
     /// Image whose layout changes.

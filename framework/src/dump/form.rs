@@ -21,7 +21,7 @@ pub struct Dump {
     pub graph: String,
     /// One line that describes the graph.
     pub summary: String,
-    /// Graphs and presets that the requested preset or choice resolves to, in order, the graph last; empty for a graph.
+    /// Names to which the requested preset or choice leads, in order, the graph's last; empty for a graph.
     #[serde(default)]
     pub based_on: Vec<String>,
     /// Graphs of a choice that were passed over, in order.
@@ -196,7 +196,7 @@ pub struct DumpResource {
     /// True if the resource is freed once the prologue has run, because only the prologue needs it.
     #[serde(default)]
     pub freed: bool,
-    /// Name under which the contents persist from frame to frame and from plan to plan; `None` if they do not.
+    /// Name of the history, whose contents persist from frame to frame and from plan to plan; `None` without one.
     pub history: Option<String>,
     /// Position of the resource's declaration.
     pub declared: Origin,
@@ -220,7 +220,8 @@ pub struct DumpPhase {
     pub run: Run,
     /// Number of passes.
     pub passes: usize,
-    /// Total GPU milliseconds; `None` if a pass has no time, except passes that [need none](DumpPass::needs_no_time).
+    /// Total GPU milliseconds. `None` if no pass has a time, or if one that [needs it](DumpPass::needs_no_time) has
+    /// none.
     pub gpu_ms: Option<f64>,
 }
 

@@ -89,7 +89,7 @@ pub struct Graph {
     /// Requirements of the graph: conditions over facts, each with a description.
     #[serde(default)]
     pub require: Vec<(Expression, String)>,
-    /// Parameters, in the order in which panels show them. They may use each other, but not in a cycle.
+    /// Parameters, in the order in which panels show them. They may use constant ones, but not in a cycle.
     #[serde(default)]
     pub params: IndexMap<String, ParamDecl>,
     /// Named expressions over constant parameters, facts and earlier entries.

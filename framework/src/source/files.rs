@@ -211,8 +211,9 @@ impl SourceMap {
     ///    folder that contains `from`. If `from` is `None`: at `name`, then in the folder of its kind;
     /// 3. built in, with the same paths as in memory.
     ///
-    /// The extension `.ron` of a graph may be omitted. The search fails at a file that exists but cannot be read, is
-    /// too large, is not UTF-8, or is outside the graph's folders.
+    /// The extension `.ron` of a graph may be omitted: a name without a dot is first searched everywhere with it. The
+    /// search fails at a file that exists but cannot be read, is too large, is not UTF-8, or is outside both the
+    /// graph's folders and [`Library::include_roots`].
     pub fn find(&mut self, from: Option<FileId>, name: &str, kind: Kind) -> Result<FileId, NotFound> {
         if let Some(file) = self.found.get(&(from, kind)).and_then(|found| found.get(name)) {
             return Ok(*file);
