@@ -12,7 +12,7 @@ use crate::ir::bytes;
 /// Maximum number of listed values of a property.
 const MAX_VALUES: usize = 4;
 
-/// Formats a comparison.
+/// Formats a comparison of two dumps as text.
 pub fn diff_text(diff: &Diff) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.

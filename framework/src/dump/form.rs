@@ -31,7 +31,7 @@ pub struct Dump {
     pub parameters: Vec<DumpParameter>,
     /// Facts that the plan was built from, by full name, such as `scene.count`.
     pub facts: BTreeMap<String, Value>,
-    /// Sums over the whole plan.
+    /// Counts of passes and barriers, and sizes of memory, over the whole plan.
     pub totals: Totals,
     /// Memory blocks of the transient resources.
     pub blocks: Vec<DumpBlock>,
@@ -103,7 +103,7 @@ pub struct DumpParameter {
     pub declared: Origin,
 }
 
-/// Sums over a plan.
+/// Counts of passes and barriers, and sizes of memory, over a plan.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Totals {
     /// Number of all passes, in the prologue and in the frame.
@@ -234,7 +234,7 @@ pub struct DumpRepeat {
     pub iterations: usize,
     /// Index of the first pass in [`Dump::passes`].
     pub first: usize,
-    /// Number of passes.
+    /// Number of passes, in all iterations together.
     pub passes: usize,
 }
 
@@ -255,9 +255,9 @@ pub struct DumpPass {
     pub shaders: Vec<DumpShader>,
     /// Workgroups, vertices x instances or bytes, or the place of indirect arguments; empty for `export` and `host`.
     pub size: String,
-    /// Primitive topology of a draw.
+    /// Primitive topology of a draw; `None` for other passes.
     pub topology: Option<Topology>,
-    /// Colour targets of a draw.
+    /// Colour targets of a draw; empty for other passes.
     pub targets: Vec<Target<String>>,
     /// Depth attachment of a draw; omitted if there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -382,11 +382,11 @@ pub struct DumpEncoders {
     pub handover: Vec<Cause<Declared, Declared>>,
     /// Encoders that run every frame.
     pub frame: Vec<DumpEncoder>,
-    /// Sums over the prologue.
+    /// Counts of the prologue.
     pub prologue_totals: EncoderTotals,
-    /// Sums over a frame.
+    /// Counts of a frame.
     pub frame_totals: EncoderTotals,
-    /// Sums over a frame in which each pass has its own encoder, as timing requires.
+    /// Counts of a frame in which each pass has its own encoder, as timing requires.
     pub timed_totals: EncoderTotals,
 }
 

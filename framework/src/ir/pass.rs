@@ -29,7 +29,7 @@ pub struct Pass<S = ShaderId, G = Groups> {
     pub name: String,
     /// Label by which GPU times are summed: `key`, `sort`, `draw`, ...
     pub phase: String,
-    /// Prologue or every frame.
+    /// When the pass runs: once, in the prologue, or every frame.
     pub run: Run,
     /// The command that the pass executes.
     pub work: Work<S, G>,

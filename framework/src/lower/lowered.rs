@@ -120,7 +120,7 @@ pub struct RemovedUse {
     pub resource: ResourceId,
     /// Name of the removed pass or include.
     pub pass: String,
-    /// Place of the pass's `when`.
+    /// Place of the false `when` of the pass or include.
     pub when: Span,
 }
 

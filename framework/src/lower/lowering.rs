@@ -42,7 +42,7 @@ pub(super) struct Lowering<'a> {
     steps: usize,
     pub choices: Choices<'a>,
     pub known: Known,
-    /// `None` for reserved names.
+    /// Names of passes, with their places; `None` for reserved names.
     pub pass_names: BTreeMap<String, Option<Span>>,
     pub include_names: BTreeMap<String, Span>,
     pub histories: Vec<History>,

@@ -46,7 +46,7 @@ pub enum Objection {
         image: ResourceId,
         /// The layout that the image is in.
         found: Layout,
-        /// The layout that is needed.
+        /// The layout that the pass, or the layout change before it, expects.
         needed: Layout,
     },
     /// A layout change does not change the layout.

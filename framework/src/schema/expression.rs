@@ -15,7 +15,7 @@ use crate::expr::{Expr, ExprError};
 pub struct Expression {
     /// The text in the file.
     pub text: String,
-    /// The tree, or the error.
+    /// The parsed expression, or its syntax error.
     pub parsed: Result<Expr, ExprError>,
 }
 

@@ -16,7 +16,7 @@ use crate::source::SourceMap;
 /// The parameters that each pass and resource of a plan depends on, collected before the passes are numbered.
 pub(super) struct Causes {
     passes: Vec<ParamSet>,
-    /// By the resource's name.
+    /// The parameters of each resource, by its name.
     resources: BTreeMap<String, ParamSet>,
     /// Parameters that decide which passes exist; see [`Effect::shape`].
     shape: ParamSet,

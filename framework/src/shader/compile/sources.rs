@@ -15,7 +15,7 @@ pub(super) const MAX_BYTES: usize = 256 << 10;
 pub(super) const MAX_FILES: usize = 256;
 
 pub(super) struct Sources {
-    /// The shader itself first.
+    /// The files in the order of first mention, the shader itself first.
     pub units: Vec<Unit>,
 }
 
