@@ -4,8 +4,8 @@
 //! the prologue runs once after the plan or the scene changes, and the frame runs for every rendered frame.
 //!
 //! Synchronisation is two lists: [`Dependency`]s between passes, and [`LayoutChange`]s of images. `solve` derives both
-//! from the accesses of the passes; no other code looks for conflicts. Each backend lowers the lists to the primitives
-//! of its API: barriers in Vulkan; encoders, fences and barriers in Metal.
+//! from the accesses of the passes, so a backend looks for no conflicts itself. Each backend lowers the lists to the
+//! primitives of its API: barriers in Vulkan; encoders, fences and barriers in Metal.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;

@@ -89,9 +89,9 @@ features! {
     CLIP_DISTANCE = 1 << 30, "clip distances";
     /// `gl_CullDistance`
     CULL_DISTANCE = 1 << 31, "cull distances";
-    /// `sample` inputs, `gl_SampleID`
+    /// `sample` inputs, `gl_SampleID`, and functions such as `interpolateAtSample`.
     SAMPLE_SHADING = 1 << 32, "shading per sample";
-    /// Basic subgroup operations, such as `subgroupElect`, in compute shaders.
+    /// Basic subgroup operations, such as `subgroupElect`.
     SUBGROUP_BASIC = 1 << 33, "subgroups";
     /// Subgroup votes, such as `subgroupAll`.
     SUBGROUP_VOTE = 1 << 34, "votes of subgroups";
