@@ -148,7 +148,7 @@ impl Serialize for Causes {
     }
 }
 
-/// The replacement of a plan, with the times of its build.
+/// A renderer's new plan, with the causes and times of its build.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Swap {
     /// Name of the graph.
@@ -158,7 +158,7 @@ pub struct Swap {
     /// Number of passes in the new plan's frame.
     pub passes: usize,
     /// Difference from the plan of the former frame, such as `63 → 75 passes: sort 12 → 24`. `None` if each phase has
-    /// as many passes as before.
+    /// as many passes as before, and for the first plan.
     #[serde(skip)]
     pub effect: Option<String>,
     /// True if the files or parameters changed, but not the commands. The device keeps its buffers and images, so that
@@ -187,9 +187,9 @@ impl Swap {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
-    /// A new plan replaced the previous one; see [`Swap`].
+    /// The first frame of a new plan has ended; see [`Swap`].
     Swapped {
-        /// Renderer whose plan was replaced.
+        /// Renderer of the plan.
         renderer: RendererId,
         /// Reason for the new plan and the times of its build.
         #[serde(flatten)]
@@ -235,7 +235,8 @@ pub enum Event {
         /// Loading time, in milliseconds.
         load_ms: f64,
     },
-    /// A loaded scene is unusual: it has dropped splats, unread data, ignored tags or coarse positions.
+    /// A loaded scene is unusual: it has dropped splats, a mesh that is left out, unread data, ignored tags or coarse
+    /// positions.
     SceneNotes {
         /// Path of the scene.
         #[serde(serialize_with = "displayed")]

@@ -205,7 +205,8 @@ impl History {
         pairs.filter(|(a, b)| !Arc::ptr_eq(&a.plan, &b.plan)).map(|(_, b)| b.number as f64).collect()
     }
 
-    /// Computes the median milliseconds per pass of `plan`, by name; empty if the newest frame is from another plan.
+    /// Computes the median milliseconds per pass of `plan`, by name, without passes that have no time. Empty if the
+    /// newest frame is from another plan.
     pub fn medians(&self, plan: &Arc<Plan>) -> Vec<(String, f64)> {
         if !self.is_of(plan) {
             return Vec::new();

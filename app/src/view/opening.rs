@@ -164,7 +164,8 @@ impl Opening {
         self.scenes.swap(0, 1);
     }
 
-    /// Takes the next cameras, in world coordinates; `None` if there are none. Those of cancelled requests are dropped.
+    /// Takes the result of reading cameras, in world coordinates; `None` if none is ready. Results of cancelled
+    /// requests are dropped.
     pub fn take_cameras(&mut self) -> Option<(CameraRole, Opened<Vec<Camera>>)> {
         use CameraRole::{Path, Selectable, Views};
         let mut slots = [Selectable, Views, Path].into_iter().zip(&mut self.cameras);

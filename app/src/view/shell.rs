@@ -3,9 +3,10 @@
 //! The window's graph, `pipelines/view/window.ron`, draws the pictures of the scene (one, two with a split line, or
 //! their difference) and egui's triangles over them. A window presents its frames, or a test reads them back.
 //!
-//! A frame of the window is drawn only if it would differ from the last one, if a [`FrameRequest`] demands it, or if
-//! frames are drawn continuously. A [`Frame`] contains the time of the next one. The shell's owner sleeps until then,
-//! or until an event, and polls for finished frames ([`Shell::collect`]) while some are in flight.
+//! A frame of the window is drawn if it would differ from the last one, if the last one failed or was not shown, if the
+//! window's graph has a new plan, or if a [`FrameRequest`] demands it. It is also drawn if frames are drawn
+//! continuously. A [`Frame`] contains the time of the next one. The shell's owner sleeps until then, or until an event,
+//! and polls for finished frames ([`Shell::collect`]) while some are in flight.
 //!
 //! On a CPU, the scene has its own device ([`crate::draw::backend::Backend::open_beside`]), so that the window stays
 //! responsive during a long picture. On a GPU, both share one queue, in which frames of the window would wait behind a
@@ -60,7 +61,7 @@ pub struct FrameRequest {
 pub struct Frame {
     /// Output for the window system, such as clipboard and pointer shape.
     pub platform: egui::PlatformOutput,
-    /// Requests to the window, in the order of the user's input.
+    /// Requests to the window, ordered as in [`PanelOutput::commands`](super::panels::PanelOutput::commands).
     pub commands: Vec<Command>,
     /// True if the window was drawn; false if nothing changed, the frame could not be submitted yet, or drawing failed.
     pub drawn: bool,

@@ -46,7 +46,7 @@ pub struct Inspection {
 }
 
 impl Inspection {
-    /// Creates an inspection that reads the resource once.
+    /// Creates an inspection that reads the resource once per plan.
     pub fn new(resource: &str, pass: &str) -> Inspection {
         let (resource, pass) = (resource.to_owned(), pass.to_owned());
         let (read, found_in) = Default::default();
@@ -153,8 +153,8 @@ impl Viewport {
         }
     }
 
-    /// Describes the fallback that is drawn because the device does not meet the graph's requirements. `None` if the
-    /// graph itself is drawn, or without a plan.
+    /// Describes the fallback that is drawn because a preferred graph's own requirements are not met. `None` if they
+    /// are met, or without a plan.
     pub fn fallback(&self) -> Option<String> {
         let lacking = Fallback::lacking(&self.renderer.plan()?.fallbacks);
         let all: Vec<String> = lacking.map(ToString::to_string).collect();

@@ -42,7 +42,7 @@ pub const ZOOM_PER_NOTCH: f64 = 0.15;
 const ZOOM_PER_POINT: f64 = 0.01;
 /// Minimum and maximum distance to the pivot, or height of an orthographic view, as multiples of the scene's size.
 const DISTANCES: (f64, f64) = (1e-6, 1e4);
-/// Maximum distance to the scene's centre, as a multiple of the scene's size.
+/// Distance from the scene's centre beyond which input moves the camera no farther, in scene sizes.
 const FARTHEST: f64 = 1e6;
 /// Initial speed of flying, in scene sizes per second.
 const FLY_SPEED: f64 = 0.2;
@@ -77,7 +77,7 @@ pub struct Input {
     pub scroll: f64,
     /// Direction of the flying keys: to the right, up and forward, each from -1 to 1.
     pub fly: [f64; 3],
-    /// Direction of the orbiting keys: to the right and down, each from -1 to 1.
+    /// Direction in which the orbiting keys move the camera: to the right and down, each from -1 to 1.
     pub orbit: [f64; 2],
     /// True to frame the scene (F, or a double click).
     pub frame: bool,
@@ -247,8 +247,8 @@ impl Navigation {
         self.up = up.try_normalize().unwrap_or(self.up);
     }
 
-    /// Continues in another scene with the same view, speed and first camera. `moved` is the motion of the scene's
-    /// origin.
+    /// Continues in another scene with the same view and first camera. `moved` is the motion of the scene's origin, in
+    /// world units. The flying speed changes with the scene's size.
     ///
     /// `bounds` is as in [`Navigation::new`]. An orthographic view keeps its height.
     pub fn change_scene(&mut self, bounds: &Bounds, moved: DVec3) {

@@ -14,8 +14,8 @@ pub const WINDOW_BYTES: u64 = size_of::<Block>() as u64;
 /// Name of the buffer with the view's indirect draw arguments. If A is shown alone and unscaled, each of its parts has
 /// a draw. The last draw is for all other compositions. Unused draws have no instances.
 pub const VIEW_DRAW: &str = "frame.view_draw";
-/// Names of the buffers with the pixels of pictures A and B, packed. A picture that is too large for one storage
-/// binding is split into parts of whole rows.
+/// Names of the buffers with the pixels of pictures A and B, packed. A picture is split into parts of whole rows,
+/// unless the host packed it and it fits in one storage binding.
 pub const PICTURES: [[&str; PARTS]; 2] = [
     ["frame.picture_a0", "frame.picture_a1", "frame.picture_a2", "frame.picture_a3"],
     ["frame.picture_b0", "frame.picture_b1", "frame.picture_b2", "frame.picture_b3"],
@@ -62,8 +62,9 @@ pub enum Mode {
 
 /// The scene's part of the window. Around the pictures, it is black.
 ///
-/// A picture of the view's size is shown pixel by pixel. A picture of another size, from before a resize, is scaled to
-/// the view's height about its centre, as [`splatgraph_assets::Camera::resized`] scales the next one.
+/// A picture of the view's size is shown pixel by pixel. A picture of another size, from before a resize or drawn at
+/// another resolution, is scaled to the view's height about its centre, as [`splatgraph_assets::Camera::resized`]
+/// scales the next one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Composition {
     /// Width and height of the window, in pixels.

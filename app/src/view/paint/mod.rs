@@ -31,11 +31,11 @@ mod textures;
 /// Name of the built-in graph that draws the window.
 pub const GRAPH: &str = "view/window";
 
-/// Name of the buffer with the vertices of all meshes.
+/// Name of the buffer with the vertices of the triangles to draw.
 pub const VERTICES: &str = "frame.ui_vertices";
-/// Name of the buffer with the indices, three per triangle, counted across all meshes.
+/// Name of the buffer with the indices into [`VERTICES`], three per triangle.
 pub const INDICES: &str = "frame.ui_indices";
-/// Name of the buffer with the clip rectangle and texture of each mesh.
+/// Name of the buffer with the clip rectangle and texture of each mesh and background in each redrawn area.
 pub const CLIPS: &str = "frame.ui_clips";
 /// Name of the buffer with the texels of all textures, rgba8, display-encoded and premultiplied.
 pub const TEXELS: &str = "frame.ui_texels";

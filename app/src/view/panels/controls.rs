@@ -18,7 +18,7 @@ pub enum Command {
     Capture,
     /// Toggle full screen.
     Fullscreen,
-    /// Show the file dialog for a scene, a graph or cameras, or only for cameras of a role; and open the chosen file.
+    /// Show the file dialog for a scene, a graph or cameras, or for cameras of one role; open the chosen file.
     Open(Option<CameraRole>),
     /// Open a source location in the user's editor.
     Edit(Origin),
@@ -61,7 +61,7 @@ pub fn see(ctx: &Context, name: &str, rect: Rect) {
     drawn(ctx, |controls| controls.now.insert(name.to_owned(), rect));
 }
 
-/// Returns the position of a control that was drawn in this frame.
+/// Returns the position of a control in this frame; `None` if it was not drawn yet.
 pub fn find(ctx: &Context, name: &str) -> Option<Rect> {
     drawn(ctx, |controls| controls.find(name))
 }

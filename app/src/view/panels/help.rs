@@ -62,7 +62,7 @@ const KEYS: [Subject; 5] = [
 /// Number of subjects in the left column of a wide window.
 const LEFT: usize = 3;
 
-/// Width of both columns, in points. The window of a narrower display has one column.
+/// Minimum width for two columns, in points: a narrower window has one.
 const WIDE: f32 = 1100.0;
 
 /// Draws the window. `scrolling` are the keys pressed in this frame that scroll it.
@@ -109,7 +109,7 @@ fn column(ui: &mut Ui, name: &str, subjects: &[Subject]) {
     });
 }
 
-/// Returns by how much a key moves the list, in points. `page` is the height of the window.
+/// Returns by how much a key moves the list, in points. `page` is the height of its visible part.
 fn moved(key: Key, page: f32) -> Vec2 {
     match key {
         Key::ArrowDown => vec2(0.0, -2.0 * ROW),

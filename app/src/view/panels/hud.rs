@@ -17,7 +17,7 @@ use splatgraph_reference::metrics::Comparison;
 use std::time::{Duration, Instant};
 
 const STAY: Duration = Duration::from_secs(5);
-/// Display time of a toast about a failure, or about dropped or restored parameters.
+/// Display time of a toast about a failure, a scene's notes, or dropped or restored parameters.
 const STAY_LONG: Duration = Duration::from_secs(12);
 /// Topic of toasts about loaded scenes.
 const SCENE: &str = "the scene";

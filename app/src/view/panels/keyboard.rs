@@ -13,7 +13,7 @@ pub struct Press {
 
 /// The keys that reach the viewer.
 ///
-/// Function keys always do. Keys with Ctrl, or Cmd on macOS, do unless a text field has the focus. All others do only
+/// F1, F11 and F12 always do. Keys with Ctrl, or Cmd on macOS, do unless a text field has the focus. All others do only
 /// while no control has the focus and no list or menu is open.
 #[derive(Default)]
 pub struct Keyboard {
@@ -53,17 +53,17 @@ impl Keyboard {
         &self.pressed
     }
 
-    /// Returns true if a key was pressed without Ctrl and Alt in this frame.
+    /// Returns true if a key reached the viewer without Ctrl or Alt in this frame.
     pub fn pressed(&self, key: Key) -> bool {
         self.pressed.iter().any(|press| press.key == key && is_plain(press.modifiers))
     }
 
-    /// Returns true while a key is held.
+    /// Returns true while a key that reached the viewer is held.
     pub fn held(&self, key: Key) -> bool {
         self.held.iter().any(|(held, _)| *held == key)
     }
 
-    /// Returns true while a key is held that was pressed without Ctrl and Alt.
+    /// Returns true while a key is held that reached the viewer without Ctrl or Alt.
     pub fn held_plainly(&self, key: Key) -> bool {
         self.held.iter().any(|(held, modifiers)| *held == key && is_plain(*modifiers))
     }

@@ -72,7 +72,7 @@ const LEAST_ZOOM: f32 = 0.6;
 pub struct PanelOutput {
     /// Rectangle of the view that shows the pictures, in points; [`Rect::NOTHING`] if a tool's tab hides it.
     pub view: Rect,
-    /// Requests to the window, in the order of the user's input.
+    /// Requests to the window: those of shortcuts, then those of controls in the order in which they are drawn.
     pub commands: Vec<Command>,
 }
 
@@ -115,7 +115,7 @@ pub struct Panels {
     select: select::State,
     /// Position to pick once there is a first picture, as fractions of its width and height.
     pick_first: Option<[f32; 2]>,
-    /// Box to select once there is a first picture: left, top, right and bottom, as fractions of its width and height.
+    /// Box to select once there is a first picture, as fractions of its size: left, top, right, bottom.
     select_first: Option<[f32; 4]>,
     dumped: Dumped,
     timeline: timeline::State,
@@ -387,7 +387,7 @@ impl Panels {
         }
     }
 
-    /// Records the frame's changes.
+    /// Records the user's changes as an undo step; those of a drag once it has ended.
     fn observe(&mut self, ctx: &Context, viewer: &mut Viewer) {
         // Record a drag as one step, when it ends.
         if !ctx.input(|input| input.pointer.any_down()) {
@@ -396,7 +396,8 @@ impl Panels {
         }
     }
 
-    /// Draws the view and applies the camera's input in it; returns its rectangle.
+    /// Draws the view, and applies the input to the camera, the split line and the selection. Returns its rectangle, in
+    /// points.
     fn view(&mut self, ui: &mut Ui, viewer: &mut Viewer) -> Rect {
         let rect = ui.max_rect();
         see(ui.ctx(), "view", rect);

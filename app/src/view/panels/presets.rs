@@ -10,7 +10,7 @@ use std::ffi::OsString;
 use std::fs;
 use std::path::Path;
 
-/// Maximum number of entries of a folder that are looked at.
+/// Maximum number of `.ron` files of a folder that are looked at.
 const MAX_LISTED: usize = 1000;
 /// Maximum size of a file that may be a graph, in bytes.
 const MAX_BYTES: u64 = 1 << 20;

@@ -48,7 +48,7 @@ impl Panels {
         }
     }
 
-    /// Draws a word for each notable state of a viewport, with the reason as its tooltip.
+    /// Draws a label for each notable state of a viewport, with the reason as its tooltip.
     fn states(&mut self, ui: &mut Ui, id: RendererId, viewport: &Viewport) {
         let palette = Palette::of(ui);
         let mut state = |name: &str, short: String, colour, reason: String| {

@@ -1,6 +1,6 @@
-//! Draws the plan as a timeline: bars for passes, diamonds for barriers between them, and memory below. The bars'
-//! widths are proportional to the passes' times, or equal if the user chooses so or the times are missing or
-//! unreliable. The lanes match the dump page.
+//! Draws the plan as a timeline: bars for passes, diamonds for barriers between them, and memory below. The widths of a
+//! frame's bars follow the passes' times, or are equal if the user chooses so or the times are missing or unreliable.
+//! The lanes match the dump page.
 //!
 //! The wheel over the passes zooms (elsewhere with Ctrl), and dragging pans. Clicking a pass, a barrier or a resource
 //! selects it for all tools; Tab and Enter do the same from the keyboard.
@@ -286,7 +286,7 @@ impl View<'_> {
         clicked
     }
 
-    /// Draws a bar for each run of passes of one phase, with the phase's name; grey if the times are unreliable.
+    /// Draws a bar with a phase's name over each run of its passes; grey if the times are unreliable.
     fn draw_phases(&self, ui: &Ui, painter: &Painter) {
         let View { dump, columns, area, palette, .. } = *self;
         let grey = self.times.unreliable;
@@ -348,7 +348,8 @@ impl View<'_> {
         }
     }
 
-    /// Draws an arrow for each hazard of a barrier, from the earlier pass to the waiting one. `y` is their height.
+    /// Draws an arrow for each hazard of a barrier, from the earlier pass to the waiting one. `y` is their vertical
+    /// position, in points of the window.
     fn draw_dependencies(&self, painter: &Painter, id: u32, y: f32) {
         let Some(barrier) = barrier(self.dump, id) else { return };
         let middle = |name: &str| {

@@ -324,7 +324,8 @@ fn with_folder(scene: &Path) -> String {
     folder.map_or(name.clone(), |folder| format!("{name}   ({folder})"))
 }
 
-/// Returns a camera's number, as the start of its title, and its name.
+/// Returns the two parts of a camera's title: its number, as in `3: `, and its name. For a camera without a name, they
+/// are empty and `camera 3`.
 fn camera_name((index, camera): (usize, &Camera)) -> [String; 2] {
     match camera.img_name.as_str() {
         "" => [String::new(), format!("camera {index}")],

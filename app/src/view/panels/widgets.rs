@@ -80,9 +80,9 @@ pub fn focus_ring(ctx: &Context) {
     painter.rect_stroke(response.rect.expand(1.0), 4.0, stroke, egui::StrokeKind::Outside);
 }
 
-/// Returns the keyboard focus to a control that was disabled in this frame, such as a button by its own click.
-/// Otherwise, the next key would reach the viewer. From a disabled control, Tab goes on to the next one. `before` had
-/// the focus when the frame began. Must be called after all controls.
+/// Returns the keyboard focus to a control that was disabled in this frame, for example by its own click. Otherwise,
+/// the next key would reach the viewer. From a disabled control, Tab goes on to the next one. `before` had the focus
+/// when the frame began. Must be called after all controls.
 pub fn keep_focus(ctx: &Context, before: Option<egui::Id>) {
     let now = ctx.memory(|memory| memory.focused());
     let Some(id) = before.filter(|_| now.is_none()) else { return };
@@ -140,7 +140,7 @@ pub fn rank(wanted: &str, names: &[&str], about: &str) -> Option<u8> {
     names.iter().filter_map(|name| of(name)).min().or_else(|| of(about).map(|_| 3))
 }
 
-/// Draws the contents of an open list: a search field, a button that opens a file if `opens`, and the items.
+/// Draws the contents of an open list: a search field, a button to open files if `opens`, and the items.
 ///
 /// The items are those that have a rank for the searched text (in lower case), the best match first. `name` is the name
 /// of the field for scripts. `row` draws an item, and returns its name for scripts.

@@ -357,7 +357,7 @@ impl Renderer {
         }
     }
 
-    /// Returns all parameters to their defaults, and drops rejected settings.
+    /// Resets all parameters to their defaults, and drops rejected settings.
     pub fn reset_params(&mut self) {
         self.rejected.clear();
         let names: Vec<String> = self.choice.set.keys().cloned().collect();
@@ -623,7 +623,7 @@ impl Renderer {
     }
 }
 
-/// Describes how a plan differs from the former one, as in [`Swap::effect`]; `None` if no phase has another number of
+/// Describes how a plan differs from the former one, as in [`Swap::effect`]. `None` if no phase has another number of
 /// passes.
 fn difference(former: &Plan, plan: &Plan) -> Option<String> {
     fn phases(plan: &Plan) -> Vec<&str> {

@@ -45,7 +45,7 @@ impl Viewer {
         }
     }
 
-    /// Returns the selectable cameras; during a load, those that were restored for the new scene.
+    /// Returns the selectable cameras; during a load, those that were restored for the new scene, if any.
     pub(in crate::view) fn camera_list(&self) -> &CameraList {
         let restored = self.restored_cameras.as_ref().filter(|_| self.is_loading_another());
         restored.unwrap_or(&self.camera_list)

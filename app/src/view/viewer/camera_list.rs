@@ -31,7 +31,7 @@ impl CameraList {
         &self.cameras
     }
 
-    /// Returns the list for another scene without cameras beside it.
+    /// Returns the list for another scene that has no cameras beside it: empty if these were beside the former scene.
     pub(super) fn kept(&self) -> CameraList {
         if self.is_beside { CameraList::default() } else { self.clone() }
     }

@@ -13,7 +13,7 @@ pub type Differences = (Comparison, [usize; 2]);
 pub(super) struct Compared {
     pub camera: Camera,
     pub background: [f32; 3],
-    /// Graph with its settings, and identity of the scene, of A and B; `None` without B.
+    /// A and B: each graph with its settings, and the identity of its scene. The second is `None` without B.
     pub sides: [Option<(Choice, u64)>; 2],
 }
 

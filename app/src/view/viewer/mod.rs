@@ -68,7 +68,7 @@ pub struct Viewer {
     camera_list: CameraList,
     /// Selectable cameras for the scene that is being loaded for A; `None` to use those beside it.
     restored_cameras: Option<CameraList>,
-    /// Index of the last selected camera in [`Viewer::cameras`]; `None` before a selection.
+    /// Index of the last selected camera in [`Viewer::cameras`]; `None` if none of the current list was selected.
     pub camera: Option<usize>,
     /// Position and controls of the camera.
     pub navigation: Navigation,
@@ -84,11 +84,12 @@ pub struct Viewer {
     played: Option<Camera>,
     /// Viewport of picture A, which is shown alone or compared with B.
     pub a: Viewport,
-    /// Viewport that A is compared with; `None` before the first comparison. Hiding it keeps its parameters.
+    /// Viewport that A is compared with; `None` before the first comparison, and if [`Viewer::give`] failed. Hiding it
+    /// keeps its parameters.
     pub b: Option<Viewport>,
     /// Pictures to show: A alone, or a comparison of A and B.
     pub compare: Mode,
-    /// Position of the split line, as a fraction of the view's width.
+    /// Position of the split line from the left, as a fraction of the view's width.
     pub split: f32,
     /// Factor that amplifies the difference of A and B.
     pub gain: f32,
@@ -198,7 +199,7 @@ impl Viewer {
         })
     }
 
-    /// Returns a viewport; `None` for the window, and for B until A and B are first compared.
+    /// Returns a viewport; `None` for the window, and for B while there is no [`Viewer::b`].
     pub fn viewport(&mut self, id: RendererId) -> Option<&mut Viewport> {
         match id {
             RendererId::A => Some(&mut self.a),
@@ -222,8 +223,8 @@ impl Viewer {
         self.drawing().any(busy) || self.opening.busy() || scenes.into_iter().flatten().any(Subject::busy)
     }
 
-    /// Describes the user's work that is in no file: saved views, keys, and hidden splats, also those of scenes that
-    /// are no longer shown. `None` if there is none.
+    /// Describes the user's work that is in no file: saved views, keys, and hidden splats. Hidden splats of scenes that
+    /// are no longer shown are included. `None` if there is none.
     pub fn unsaved(&self) -> Option<String> {
         let new =
             |cameras: &[Camera]| cameras.iter().filter(|camera| !self.in_files.contains(camera)).count();
@@ -242,7 +243,7 @@ impl Viewer {
         (!parts.is_empty()).then(|| parts.join(", "))
     }
 
-    /// Iterates over A, and B after the first comparison.
+    /// Iterates over A, and B if there is one.
     pub fn viewports(&self) -> impl Iterator<Item = &Viewport> {
         [Some(&self.a), self.b.as_ref()].into_iter().flatten()
     }
@@ -537,7 +538,7 @@ impl Viewer {
         [self.a.picture(), b.and_then(Viewport::picture)]
     }
 
-    /// Reports an event from the user interface.
+    /// Queues an event for [`Viewer::take_events`].
     pub fn report(&mut self, event: Event) {
         self.events.push(event);
     }

@@ -7,7 +7,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// A log entry that is not an [`Event`]: a frame, or a change of the window or its controls, in pixels.
+/// A log entry that is not an [`Event`]: a frame, or a change of the window or its controls. Lengths are in pixels.
 #[derive(Clone, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Seen {
