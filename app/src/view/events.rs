@@ -202,7 +202,7 @@ pub enum Event {
         /// Error messages, without colours.
         text: String,
     },
-    /// A plan was built, or a frame drawn, for the first time after a failure.
+    /// A plan was built or a frame drawn after a failure, or the device was replaced.
     Mended {
         /// Renderer that works again.
         renderer: RendererId,

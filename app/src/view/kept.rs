@@ -21,7 +21,7 @@ struct Kept {
     arrangement: Arrangement,
 }
 
-/// Returns the path of the state file; `None` if the system defines no folder for application state.
+/// Returns the path of the state file; `None` if the user has no folder for application state.
 pub fn path() -> Option<PathBuf> {
     Some(folders::state()?.join("splatgraph/window.json"))
 }

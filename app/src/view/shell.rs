@@ -53,7 +53,7 @@ pub struct FrameRequest {
     pub present: bool,
     /// True to read the frame back.
     pub read: bool,
-    /// True to draw the frame even if nothing changed, because the window system has lost the window's content.
+    /// True to draw the frame even if nothing changed, because the window may have lost its content.
     pub redraw: bool,
 }
 

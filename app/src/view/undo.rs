@@ -224,8 +224,8 @@ impl History {
         !self.future.is_empty()
     }
 
-    /// Undoes the newest step; returns a description of the change, or `None` if there is no step. Steps without
-    /// effect, such as a change of a parameter that the file no longer declares, are dropped.
+    /// Undoes the newest step that has an effect. Returns a description of the change; `None` if there is none. Drops
+    /// steps without effect, such as a change of a parameter that the file no longer declares.
     pub fn undo(&mut self, viewer: &mut Viewer) -> Option<String> {
         go(&mut self.past, &mut self.now, &mut self.future, viewer)
     }

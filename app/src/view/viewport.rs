@@ -254,7 +254,8 @@ impl Viewport {
             && self.exhibit.as_ref().map(|exhibit| exhibit.subject) != Some(self.renderer.subject())
     }
 
-    /// Returns true until the window shows a picture of the current plan, unless an error prevents it.
+    /// Returns true until the window shows a picture of the current plan, unless an error prevents it. False without a
+    /// plan.
     pub(super) fn is_coming(&self) -> bool {
         let is_shown = |plan| self.exhibit.as_ref().is_some_and(|exhibit| Arc::ptr_eq(&exhibit.plan, plan));
         self.renderer.trouble().is_none() && self.renderer.plan().is_some_and(|plan| !is_shown(plan))

@@ -30,7 +30,7 @@ pub struct Controls {
     now: BTreeMap<String, Rect>,
     /// Requests to the window.
     pub(super) commands: Vec<Command>,
-    /// Message about text that the user typed into a number field, if it is not a number.
+    /// Message about text that the user typed into a number field, if it is no number or out of range.
     pub(super) refused: Option<String>,
 }
 
@@ -71,7 +71,7 @@ pub fn request(ctx: &Context, command: Command) {
     drawn(ctx, |controls| controls.commands.push(command));
 }
 
-/// Reports text that is not a number.
+/// Reports text of a number field that is no number, or out of range.
 pub fn refuse(ctx: &Context, message: String) {
     drawn(ctx, |controls| controls.refused = Some(message));
 }

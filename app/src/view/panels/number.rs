@@ -1,7 +1,7 @@
 //! Draws number fields and sliders.
 //!
-//! Fields accept a decimal point or, except for integers, a decimal comma, and report text that is no number. Passing a
-//! field with Tab never changes its value.
+//! Fields accept a decimal point or, except for integers, a decimal comma, and report text that is no number or out of
+//! range. Passing a field with Tab never changes its value.
 
 use super::controls::refuse;
 use super::theme::{self, ROW};

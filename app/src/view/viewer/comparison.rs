@@ -22,7 +22,7 @@ impl Viewer {
         }
     }
 
-    /// Returns true from [`Viewer::measure`] until the result is known.
+    /// Returns true from [`Viewer::measure`] until the result or a failure is reported.
     pub fn is_comparing(&self) -> bool {
         self.comparing.step != Step::No || self.comparing.worker.busy()
     }

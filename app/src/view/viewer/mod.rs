@@ -111,7 +111,7 @@ pub struct Viewer {
     picked_before: Option<[f64; 3]>,
     /// Marks to apply to the scenes that are being loaded for A and B.
     restored: [Option<Marks>; 2],
-    /// Hidden splats that were in no file when another scene was opened.
+    /// Paths of scenes, with their hidden splats that were in no file when another scene was opened.
     left: Vec<(PathBuf, Arc<SplatSet>)>,
     /// Scenes that were loaded again with other splats or other indices; see [`Viewer::take_reindexed`].
     reindexed: Vec<PathBuf>,

@@ -53,7 +53,8 @@ pub struct Running {
     /// True for a minimised window, and the time of the last check. Polled: not every window system sends an event.
     pub minimised: (bool, Instant),
     pub asked: bool,
-    /// True if the window system has discarded the window's content.
+    /// True if the window may have lost its content: at the start, after a resize, or if the window system asks for a
+    /// redraw.
     pub redraw: bool,
     /// Time of the next frame; `None` to draw it only on request.
     pub next: Option<Instant>,
