@@ -316,7 +316,7 @@ pub enum Event {
     },
     /// A request could not be fulfilled, or the viewer dropped something, such as the marks of a changed file.
     Problem {
-        /// Error message, with its context.
+        /// Message, with its context.
         text: String,
     },
     /// The device has been running one pass (on a CPU, one frame) for more than a second, which delays pictures.

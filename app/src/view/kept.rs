@@ -1,4 +1,5 @@
-//! Saves the window's layout for the next start: tools, theme, text size, and recently opened scenes.
+//! Saves the window's layout for the next start: tools, texts over the picture, theme, text size, and recently opened
+//! scenes.
 //!
 //! The state is a JSON file in the user's state folder.
 

@@ -37,7 +37,7 @@ pub struct Inspection {
     pub follow: bool,
     /// Latest finding, or the reason why there is none; `None` before the first reading.
     pub found: Option<Result<Finding, String>>,
-    /// Number of the frame that `found` was read from; see [`Renderer::submitted`].
+    /// Number of the frame that the last finding was read from; see [`Renderer::submitted`].
     pub frame: u64,
     /// Plan of the last reading, which may be in flight. With another plan or none, a reading is requested.
     read: Weak<Plan>,
@@ -126,7 +126,7 @@ pub struct Viewport {
     pub short: Vec<Overflow>,
     reading: Reading,
     drawn: Option<Drawn>,
-    /// Picture that the window shows; `None` before the first.
+    /// Picture that the window shows; `None` before the first on the current device.
     exhibit: Option<Exhibit>,
     animated: bool,
     /// True if a frame is due, but could not be submitted.
@@ -242,7 +242,7 @@ impl Viewport {
         self.readings
     }
 
-    /// Returns the picture that the window shows, and its unique number; `None` before the first.
+    /// Returns the picture that the window shows, and its unique number; `None` before the first on the current device.
     pub fn picture(&self) -> Option<(Shown, u64)> {
         self.exhibit.as_ref().map(|exhibit| (exhibit.shown.clone(), exhibit.number))
     }

@@ -40,7 +40,7 @@ const STEEPEST: f64 = 89.9 * std::f64::consts::PI / 180.0;
 pub const ZOOM_PER_NOTCH: f64 = 0.15;
 /// Zoom per point of a drag, as an exponent of `e`.
 const ZOOM_PER_POINT: f64 = 0.01;
-/// Minimum and maximum distance to the pivot, or height of an orthographic view, as multiples of the scene's size.
+/// Limits of zooming: minimum and maximum distance to the pivot, or height of an orthographic view, in scene sizes.
 const DISTANCES: (f64, f64) = (1e-6, 1e4);
 /// Distance from the scene's centre beyond which input moves the camera no farther, in scene sizes.
 const FARTHEST: f64 = 1e6;

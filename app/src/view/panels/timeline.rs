@@ -35,7 +35,8 @@ const CLOSEST: f32 = 200.0;
 /// Times of a plan's passes.
 #[derive(Clone)]
 pub struct Times {
-    /// Pairs of pass name and median milliseconds; empty until a frame of the plan without the prologue is measured.
+    /// Pairs of pass name and median milliseconds; empty until a frame of the plan is measured that did not run the
+    /// prologue.
     pub passes: Vec<(String, f64)>,
     /// Median GPU time of a frame outside its passes, in milliseconds; `None` without measured times.
     pub unattributed: Option<f64>,

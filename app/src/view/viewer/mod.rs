@@ -532,7 +532,7 @@ impl Viewer {
     }
 
     /// Returns the pictures of A and B for the window, each with a unique number. `None` before a viewport's first
-    /// picture, and for B while it is hidden.
+    /// picture on the current device, and for B while it is hidden.
     pub fn pictures(&self) -> [Option<(Shown, u64)>; 2] {
         let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
         [self.a.picture(), b.and_then(Viewport::picture)]
