@@ -47,7 +47,7 @@ pub const CAPTURES: Option<&str> = if cfg!(feature = "renderdoc") {
 /// Metal's capture.
 ///
 /// # Errors
-/// No capture tool is compiled in or available.
+/// No capture tool is compiled in or available, or a capture by Metal is already requested or running.
 pub fn capture_next_frame(document: impl FnOnce() -> PathBuf) -> Result<(), String> {
     #[cfg(feature = "renderdoc")]
     {

@@ -161,8 +161,8 @@ impl Viewport {
         (!all.is_empty()).then(|| all.join("; "))
     }
 
-    /// Describes the constants whose values follow from facts, with reasons, after the graphs that a preset or choice
-    /// resolves to. `None` without such a constant, or without a plan.
+    /// Describes the constant choices and bools whose values follow from facts, with reasons, after the graphs that a
+    /// preset or choice resolves to. `None` without such a constant, or without a plan.
     pub fn decisions(&self) -> Option<String> {
         let plan = self.renderer.plan()?;
         let decisions = plan.decisions();

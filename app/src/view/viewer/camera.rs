@@ -86,7 +86,7 @@ impl Viewer {
     }
 
     /// Sets the up direction of the navigation and of exported files. With selectable cameras, the view stays; without,
-    /// the whole scene is shown upright.
+    /// most of the scene is shown upright.
     pub fn set_up(&mut self, up: [f64; 3]) {
         self.subject.up = Some(up);
         match self.cameras().is_empty() {
@@ -95,7 +95,7 @@ impl Viewer {
         }
     }
 
-    /// Sets the up direction of the navigation and of exported files. Flies to an upright view of the whole scene.
+    /// Sets the up direction of the navigation and of exported files. Flies to an upright view of most of the scene.
     pub fn show_upright(&mut self, up: [f64; 3]) {
         self.subject.up = Some(up);
         self.navigation.set_up(up.into());

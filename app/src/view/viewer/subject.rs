@@ -161,8 +161,8 @@ impl Subject {
         (copy, Ok(()))
     }
 
-    /// Creates the navigation for the scene as drawn, without cameras. The whole scene is in view, upright with respect
-    /// to `up`.
+    /// Creates the navigation for the scene as drawn, without cameras. The box around most splats is in view, upright
+    /// with respect to `up`.
     pub fn navigation(&self, up: [f64; 3]) -> Navigation {
         let camera = Camera::framing_upright(&self.scene, up, None, facts::DEFAULT_SIZE);
         Navigation::new(&self.scene.robust_bounds(), &camera, up.into())
