@@ -233,9 +233,13 @@ impl Batch {
         let bytes = output_bytes as u64 + rgba_bytes + output.as_ref().map_or(0, pictures::encoding_bytes);
         let (destination, background) = (self.destination.clone(), self.background);
         let pixels_held = self.pixels.0.clone();
+        let convert = |pixels: Option<Pixels>| {
+            info_span!("convert the pixels").in_scope(|| pixels.as_ref().map(image_of).transpose())
+        };
+        // The only picture is converted here, by all threads; others while the next one is drawn.
+        let (output, converted) = if *cameras == 1 { (None, convert(output)?) } else { (output, None) };
         let work = move || {
-            let convert = |pixels: Pixels| info_span!("convert the pixels").in_scope(|| image_of(&pixels));
-            let image = output.map(convert).transpose()?;
+            let image = converted.map_or_else(|| convert(output), |image| Ok(Some(image)))?;
             // The readback memory is back at the device before encoding.
             drop(pixels_held);
             for (name, path) in &files {

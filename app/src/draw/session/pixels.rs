@@ -43,11 +43,15 @@ pub fn image_of(pixels: &Pixels) -> Result<Image, PixelsError> {
     if bytes != row * height {
         return Err(PixelsError::Size { width, height, format: format.name(), bytes });
     }
-    // In parallel, because the kernel maps new memory page by page as it is written.
     let mut rgb = vec![[0.0; 3]; width * height];
-    rgb.par_chunks_mut(width.max(1))
-        .zip(pixels.bytes.par_chunks(row.max(1)))
-        .for_each(|(rgb, bytes)| convert_row(format, bytes, rgb));
+    let convert = |(rgb, bytes): (&mut [_], &[_])| convert_row(format, bytes, rgb);
+    let (row_pixels, row_bytes) = (width.max(1), row.max(1));
+    // A thread of the pool that waited for parts would begin to convert and encode other pictures before it finished this one.
+    if rayon::current_thread_index().is_some() {
+        rgb.chunks_mut(row_pixels).zip(pixels.bytes.chunks(row_bytes)).for_each(convert);
+    } else {
+        rgb.par_chunks_mut(row_pixels).zip(pixels.bytes.par_chunks(row_bytes)).for_each(convert);
+    }
     Ok(Image { width, height, rgb })
 }
 
