@@ -65,7 +65,7 @@ impl Provenance {
         )
     }
 
-    /// Formats a CSV with the columns `device` and `program`.
+    /// Formats a CSV, and appends the columns `device` and `program`. The header and the lines lack their line breaks.
     pub fn csv(&self, header: &str, lines: impl IntoIterator<Item = String>) -> String {
         text::csv(header, lines, &[("device", &self.device), ("program", &self.version)])
     }

@@ -16,7 +16,7 @@ use std::f64::consts::PI;
 pub struct Band {
     /// Degree of the band, 0 to 3.
     pub band: u32,
-    /// Root mean square over directions, channels and splats, for colours of 0 to 1.
+    /// Root mean square over directions, channels and weighted splats, for colours of 0 to 1.
     pub rms: f64,
     /// Share of the energy of bands 1 to 3; 0 for band 0, and in scenes without view-dependent colours.
     pub share: f64,

@@ -17,7 +17,7 @@ use splatgraph_reference::metrics::decibels;
 pub struct Budget {
     /// Minimum PSNR of every view, in decibels; `None` for no minimum.
     pub psnr: Option<f64>,
-    /// Maximum mean GPU time of a frame, in milliseconds; `None` for no maximum.
+    /// Maximum GPU time of a frame, mean over the views, in milliseconds; `None` for no maximum.
     pub ms: Option<f64>,
 }
 
@@ -38,7 +38,8 @@ pub struct Tried {
 impl Tried {
     /// Summarises the rows of a setting; `None` if one of them failed, or if there are none.
     ///
-    /// Ranges of shares are widened to `floor`, the noise floor. The exact settings' share is 1, by definition.
+    /// The range of the share is widened to `floor`, the noise floor; without a floor, there is no range. The exact
+    /// settings' share is 1, by definition.
     pub fn new(setting: &Setting, rows: &[Row], floor: Option<f64>) -> Option<Tried> {
         let found: Option<Vec<_>> = rows.iter().map(|row| row.found.as_ref().ok()).collect();
         let found = found.filter(|found| !found.is_empty())?;
@@ -61,7 +62,7 @@ impl Tried {
         self.psnr_db.iter().copied().fold(f64::INFINITY, f64::min)
     }
 
-    /// Returns whether this setting is faster than `other`; `None` if noise hides it. False without timestamps.
+    /// Returns whether this setting is faster than `other`; false without timestamps. See [`Share::faster`].
     fn faster(&self, other: &Tried) -> Option<bool> {
         match (self.share, other.share) {
             (Some(own), Some(other)) => own.faster(&other),
@@ -69,7 +70,7 @@ impl Tried {
         }
     }
 
-    /// Returns the median share of the exact settings' time; 1 without timestamps.
+    /// Returns the share of the exact settings' time, the mean over views of each view's median; 1 without timestamps.
     pub fn median(&self) -> f64 {
         self.share.map_or(1.0, |share| share.median)
     }
@@ -83,7 +84,7 @@ pub fn own_share(rows: &[Row]) -> Option<Share> {
 }
 
 impl Budget {
-    /// Returns whether a setting is within the limits; `None` if noise hides the answer.
+    /// Returns whether a setting is within the limits; `None` if noise hides the answer, or its share has no range.
     ///
     /// Without timestamps, no setting is within a time limit.
     pub fn allows(&self, tried: &Tried) -> Option<bool> {
@@ -123,10 +124,10 @@ impl Predicted {
 
 /// Lists combinations of the measured settings `singles` that are predicted near the budget, the most promising first.
 ///
-/// The most promising are the fastest if the budget has a minimum PSNR, otherwise the most accurate. The list includes
-/// the exact settings and single changes. Only settings that change one parameter of the exact settings, and save time
-/// beyond the noise, are combined. The second list names the settings with a saving within the noise. Both lists are
-/// empty if `singles` lacks the exact settings.
+/// The most promising are the fastest if the budget has a minimum PSNR, otherwise the most accurate. The exact settings
+/// and single changes count as combinations. Only settings that change one parameter of the exact settings, and save
+/// time beyond the noise, are combined. The second list names the settings with a saving within the noise. Both lists
+/// are empty if `singles` lacks the exact settings.
 pub fn combinations(singles: &[Tried], budget: &Budget) -> (Vec<Setting>, Vec<String>) {
     let Some(exact) = singles.iter().find(|tried| tried.setting.name == EXACT) else {
         return (Vec::new(), Vec::new());

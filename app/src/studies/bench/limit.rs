@@ -34,7 +34,8 @@ pub fn no_scene() -> Result<(Scene, Camera), synth::SynthError> {
     Ok((scene, camera))
 }
 
-/// Measures the copy limit of a device. If that fails, the listener gets the reason, and the result is `None`.
+/// Measures the copy limit of a device. If the copy cannot be drawn, the listener gets the reason, and the result is
+/// `None`.
 ///
 /// Also `None` without timestamps, and on a CPU, where passes may be served by caches that the copy does not fit in.
 ///

@@ -57,8 +57,8 @@ pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<
     plots
 }
 
-/// Plots the frame time, with one line per graph. It is that on the GPU, or on the host if a candidate has no GPU
-/// times.
+/// Plots the GPU time of a frame, or the host's time if a candidate of the report has no GPU times. Each graph has a
+/// line.
 fn plot(
     report: &Report,
     title: String,

@@ -36,7 +36,7 @@ pub struct Origin {
 }
 
 impl Origin {
-    /// Formats a CSV with the columns `device` and `program`.
+    /// Formats a CSV, and appends the columns `device` and `program`. The header and the lines lack their line breaks.
     pub fn csv(&self, header: &str, lines: impl IntoIterator<Item = String>) -> String {
         let device = format!("{} ({})", self.device, self.driver);
         text::csv(header, lines, &[("device", &device), ("program", &self.program)])
@@ -69,7 +69,7 @@ pub struct SceneOrigin {
     pub scene: String,
     /// Number of splats in the file.
     pub splats: u32,
-    /// The cameras, as in cameras.json.
+    /// The cameras, with the fields of cameras.json, in the scene's coordinates.
     pub cameras: Vec<Camera>,
 }
 
@@ -94,7 +94,7 @@ pub struct Report {
     /// Program, device and settings of the run.
     #[serde(flatten)]
     pub origin: Origin,
-    /// False if the run was interrupted before all scenes, numbers of splats and sizes were measured.
+    /// True once all scenes, numbers of splats and sizes are measured; until then, the report is partial.
     pub complete: bool,
     /// Scenes of the run, with their cameras.
     pub scenes: Vec<SceneOrigin>,

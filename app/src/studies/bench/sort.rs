@@ -90,7 +90,7 @@ pub struct Report {
     /// Program, device and settings of the run.
     #[serde(flatten)]
     pub origin: Origin,
-    /// False if the run was interrupted before all numbers of pairs were measured.
+    /// True once all numbers of pairs are measured; until then, the report is partial.
     pub complete: bool,
     /// The sorts, grouped by number of pairs.
     pub rows: Vec<Row>,

@@ -18,7 +18,7 @@ pub struct Wanted {
 }
 
 /// Measures candidates on a scene, and adds them to a report. Calls `kept` before the first size, so that
-/// no earlier file is taken for this run's, and after each.
+/// no earlier file is taken for this run's, and after each. The caller sets [`Report::complete`].
 ///
 /// # Errors
 /// The subject has no camera, the device fails, `kept` fails, or the listener cancels. A candidate that cannot be drawn

@@ -29,7 +29,8 @@ pub struct Drawn {
     pub image: Image,
     /// Error against the exact picture.
     pub error: Comparison,
-    /// Number of pairs of splats in the wrong order in the order buffer; `None` if it cannot be read.
+    /// Number of pairs of splats in the wrong order in the order buffer. `None` if it cannot be read, repeats a splat,
+    /// or has one that the true order lacks.
     pub inversions: Option<u64>,
     /// Number of pairs of splats that are blended in the wrong order; `None` if `inversions` is `None`.
     pub wrong: Option<u64>,

@@ -36,9 +36,10 @@ const NARROW: (f64, f64) = (0.01, 0.05);
 /// A frame time as a share of the baseline's, such as the exact settings' time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Share {
-    /// The median of the turns.
+    /// The median of the turns; over several views, the mean of the views' medians.
     pub median: f64,
-    /// Confidence interval of the median. `None` with fewer than [`MIN_TURNS`] turns, or without a noise floor.
+    /// Confidence interval of `median`, which [`Share::widened`] extends. `None` with fewer than [`MIN_TURNS`] turns,
+    /// or if widened without a noise floor.
     pub range: Option<(f64, f64)>,
 }
 
@@ -139,13 +140,15 @@ pub fn enough(turns: &[f64], views: usize) -> bool {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mark {
-    /// On the Pareto front: every other setting that is at least as accurate takes longer by [`MIN_SAVING`] or more.
+    /// On the Pareto front: this setting saves at least [`MIN_SAVING`] over every other that is at least as accurate.
+    ///
+    /// Over a later setting of equal accuracy it need not save time, if that one does not save as much either.
     Best,
     /// On the front by the medians, but within the noise.
     Likely,
     /// Not on the front by the medians, but within the noise.
     Unlikely,
-    /// Not on the front: another setting is at least as fast and as accurate.
+    /// Not on the front: it does not save [`MIN_SAVING`] over another setting that is at least as accurate.
     Beaten,
     /// Not judged: still pictures do not show the setting's error.
     Hidden,

@@ -38,7 +38,7 @@ pub struct Planned {
     pub pipelines: Vec<Compiled>,
 }
 
-/// Leaves out the settings that draw the same pictures as another, and reports each with the reason.
+/// Leaves out the settings that draw the same pictures as another, and tells the listener why.
 ///
 /// A setting is left out if its parameter has no effect in the plan of `exact`, or if its plans for all cameras equal
 /// an earlier setting's. Presets come after the graphs and presets that they are based on, whose names are kept if

@@ -39,7 +39,7 @@ pub fn measured(pipeline: &str, set: &[(String, String)], controls: &[Control]) 
 
 /// Lists a graph's exact settings, the settings that change one parameter of them, its defaults, and other `presets`.
 ///
-/// `controls` are the graph's parameters. A parameter without an exact value does not change the picture and keeps its
+/// `controls` are the graph's parameters. A parameter without an exact value is in none of the settings, and keeps its
 /// default.
 pub fn list(pipeline: &str, controls: &[Control], presets: &[&str]) -> Vec<Setting> {
     let params = || controls.iter().map(|control| &control.param);

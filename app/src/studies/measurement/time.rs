@@ -34,7 +34,8 @@ pub struct Time {
     /// like `gpu_ms` to the clock of `exact_ms`. These timestamps take time, so the phases may add up to more than
     /// `gpu_ms`.
     pub phases: IndexMap<String, f64>,
-    /// Difference between a phase's largest and smallest time, in milliseconds; `None` with one frame.
+    /// Difference between a phase's largest and smallest time in these frames, in milliseconds, scaled like `phases`;
+    /// `None` with one frame.
     pub phase_spreads: IndexMap<String, Option<f64>>,
 }
 
@@ -59,7 +60,7 @@ pub struct Until {
 }
 
 impl Until {
-    /// Ends when the range of the mean over `views` is narrow, or after eight seconds in a view.
+    /// Ends when the range of the mean over `views` is narrow, or if there is a range, after eight seconds in a view.
     pub fn narrow(views: usize) -> Until {
         Until { views, longest: Duration::from_secs(8) }
     }
@@ -68,8 +69,8 @@ impl Until {
 /// Measures the time of a frame of `session`, interleaved with frames of `exact`; `None` without timestamps.
 ///
 /// Both sessions must be prepared at the camera's size. They warm up first if `effort` is enough for a range; see
-/// [`has_range`]. Rounds end when the range of all turns is narrow enough ([`noise::enough`]), after `effort.rounds`,
-/// or after `until.longest` if there is a range.
+/// [`has_range`]. Rounds end after `effort.rounds`. From the second on, they end earlier if the range of all turns is
+/// narrow enough ([`noise::enough`]), or after `until.longest` if there is a range.
 ///
 /// # Errors
 /// See [`interleaved::rounds`].
@@ -186,8 +187,9 @@ fn time(
     })
 }
 
-/// Lists the phases of several views, each with the mean of its milliseconds and its largest spread. The spread is
-/// `None` with one round.
+/// Lists the phases of several views: name, mean milliseconds and largest spread. A view without the phase counts as 0.
+///
+/// The spread is `None` if each view has a single frame with timestamps of passes.
 pub fn phases(times: &[&Time]) -> Vec<(String, f64, Option<f64>)> {
     let names: IndexSet<&String> = times.iter().flat_map(|time| time.phases.keys()).collect();
     let of = |name: &String| {

@@ -32,7 +32,8 @@ pub struct Step {
     /// The scores of the change.
     #[serde(flatten)]
     pub score: Score,
-    /// Number of pairs of splats that swap places in the drawn order; `None` if the graph has no readable order.
+    /// Number of pairs of splats that swap places in the drawn order. `None` if the graph has no readable order, or if
+    /// an order repeats a splat.
     pub order_changes: Option<u64>,
     /// Number of pairs of the drawn splats that swap places in the true order; `None` without a readable order.
     pub true_order_changes: Option<u64>,

@@ -20,7 +20,7 @@ pub struct Wanted {
     pub pipeline: String,
     /// Names and values of the graph's parameters.
     pub set: Vec<(String, String)>,
-    /// Number of steps, each with half the splats of the previous one.
+    /// Maximum number of steps: the first has all splats, and each other half as many as the previous one, at least 1.
     pub steps: u32,
     /// Numbers of frames and rounds.
     pub frames: Frames,

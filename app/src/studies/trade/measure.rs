@@ -21,7 +21,7 @@ pub struct Row {
     pub plan: Option<String>,
     /// The camera's name.
     pub camera: String,
-    /// The measurements, or the reason that the setting cannot be drawn.
+    /// The measurements, or the reason that the setting cannot be drawn or compared.
     pub found: Result<Measured, String>,
 }
 

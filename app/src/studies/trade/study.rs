@@ -75,7 +75,7 @@ pub struct Study {
     /// The plans of each setting.
     built: Plans,
     origin: Origin,
-    /// Pipelines of the settings, kept so that they are not created again.
+    /// Compiled pipelines of the settings, kept so that they are not compiled again; empty on CPUs.
     _pipelines: Vec<Compiled>,
 }
 

@@ -43,7 +43,7 @@ pub struct Origin {
     /// Names and values of the parameters that are the same in every setting, in the graph's order.
     #[serde(default)]
     pub set: Vec<(String, String)>,
-    /// Hash of the plans of the exact settings, to which all shares of time refer.
+    /// Hash of the plans of the exact settings, to which all shares of time refer; empty if one cannot be built.
     pub exact: String,
     /// `reference` for the exact renderer's pictures, or the name of the folder of the true pictures, for headings.
     pub truth: String,
@@ -65,7 +65,8 @@ impl Origin {
         format!("{name}, {}", self.pipeline)
     }
 
-    /// Lists the inputs that differ from another origin's, in words for the user. Names for headings are not compared.
+    /// Lists the inputs that differ from another origin's, in words for the user. The names of the scene and
+    /// the truth are not compared.
     pub fn changes(&self, other: &Origin) -> Vec<&'static str> {
         let (own, others) = (&self.provenance, &other.provenance);
         let differs = [
