@@ -157,12 +157,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Describes one entry of a list of scenes: its file, and its splats' indices, as in the output `index`.
+/// Describes one entry of a list of scenes: its file, the first index of its splats (as in the output `index`), and their
+/// number.
 fn part(part: &ScenePart) -> Json {
     json!({ "file": options::text_of(&part.file), "first": part.splats.start, "count": part.splats.len() })
 }
 
-/// Describes the mean up direction of the cameras, with the rotation that turns a scene with another one upright.
+/// Describes the mean up direction of the cameras. If the scene's differs by more than a degree, adds the rotation, if
+/// any, that turns the scene upright.
 fn up_text(up: DVec3, of_scene: DVec3) -> String {
     let [x, y, z] = up.to_array().map(|v| (v * 1e4).round() / 1e4 + 0.0);
     let differs = up.angle_between(of_scene).to_degrees() > 1.0;

@@ -257,7 +257,7 @@ pub struct Job {
 }
 
 impl Job {
-    /// Wraps the views of a command. The first [`Job::run`] loads the scene and opens the device.
+    /// Creates the job of all views of a command. The first [`Job::run`] loads the scene and opens the device.
     pub fn new(work: Box<dyn Work>) -> Job {
         Job { outputs: work.outputs(), work, opened: false, messages: Vec::new() }
     }
@@ -427,7 +427,11 @@ pub fn write_part(folder: &Path, view: &str, result: &impl Serialize) -> Result<
     Ok(output::write_bytes(&folder.join(part(view)), text.as_bytes())?)
 }
 
-/// Returns the inputs that determine the pictures of a scene and a graph. `session` must be prepared.
+/// Returns the inputs that determine the pictures of a scene and a graph. `session` must be prepared. `cameras` are as
+/// for [`origin`].
+///
+/// # Errors
+/// The program's file cannot be read.
 pub fn origin_of(
     session: &Session,
     cameras: &Json,

@@ -224,8 +224,8 @@ pub fn stray_cameras(cameras: &[Camera], scene: &Scene) -> Option<String> {
     ))
 }
 
-/// Reports that `blind` of `of` cameras see no splat, unless `blind` is 0. `framing` names what frames the scene, if
-/// the splats are elsewhere.
+/// Reports that `blind` of `of` cameras see no splat, unless `blind` is 0. `framing` names the option or the command
+/// that frames the scene, for advice.
 ///
 /// Unless all are blind, also reports that splats in `views` are too near.
 pub fn tell_blind(scene: &Scene, (blind, of): (usize, usize), views: &[View], framing: &str) {

@@ -62,7 +62,7 @@ impl Up {
         Ok(())
     }
 
-    /// Returns the direction; `None` for that of cameras that are not read.
+    /// Returns the direction, of any length; `None` for `--up cameras` before [`Up::read`].
     pub fn direction(&self) -> Option<[f64; 3]> {
         match self {
             Up::Direction(direction) => Some(*direction),
@@ -85,7 +85,7 @@ pub fn point(text: &str) -> Result<[f64; 3], String> {
     values.ok_or_else(|| "expected three numbers, for instance 1,-0.5,2".into())
 }
 
-/// Parses a direction: three numbers, or an axis with or without a sign, such as `z` or `-y`.
+/// Parses a direction: three numbers, not all 0, or an axis such as `z` or `-y`. The result is not normalized.
 pub fn direction(text: &str) -> Result<[f64; 3], String> {
     let axis = match text.strip_prefix(['+', '-']).unwrap_or(text) {
         "x" => Some([1.0, 0.0, 0.0]),
@@ -114,7 +114,8 @@ impl LookAtArgs {
     /// Checks the options against `--cameras`, and reads the direction of `--up cameras`.
     ///
     /// # Errors
-    /// An option replaces the cameras that are given, or the cameras have no up direction in common.
+    /// An option replaces the cameras that are given, `--up cameras` lacks `--cameras`, or its cameras cannot be read
+    /// or have no up direction in common.
     pub fn check(&self, cameras: Option<&str>) -> Result<()> {
         let given = [
             ("--orbit", self.orbit.is_some()),

@@ -145,7 +145,8 @@ pub struct Work {
     pub downscaled: Option<String>,
     pub views: Vec<View>,
     pub stems: Vec<String>,
-    /// True for a dataset in the space of a capture, which nerfstudio leaves before the training.
+    /// True if cameras may be in the space of a capture, from which nerfstudio moves them before the training, and no
+    /// file says how.
     pub is_unaligned: bool,
 }
 

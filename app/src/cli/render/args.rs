@@ -334,7 +334,8 @@ impl Args {
         inspected.map(|file| ("--inspect", file)).chain(outputs)
     }
 
-    /// Lists the files of one of `cameras` cameras besides its picture, each with its option.
+    /// Lists the files of a camera besides its picture, each with its option. `stem` is the camera's name in file
+    /// names; `cameras` is the number of all cameras.
     pub(super) fn files_of(
         &self,
         stem: &str,

@@ -27,7 +27,8 @@ use tracing::info_span;
 pub struct Batch {
     /// File or folder of the pictures; `None` if no picture is written.
     pub destination: Option<Destination>,
-    /// Names and files of the outputs besides the picture; and the number of cameras.
+    /// The outputs besides the picture, each with its name, its file or folder, and its format in a folder; and the
+    /// number of cameras.
     files: (Vec<(String, PathBuf, Format)>, usize),
     background: [f32; 3],
     stdout: Stdout,

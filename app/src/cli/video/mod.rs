@@ -241,8 +241,8 @@ fn check_keys(args: &Args, keys: &[Camera]) -> Result<()> {
     Ok(())
 }
 
-/// Makes the camera motion, in the scene's coordinates. `own` is the demo scene's camera. With `even`, keys that have
-/// an odd width or height get one pixel more, unless a size was requested.
+/// Makes the camera motion, in the scene's coordinates. `own` is the demo scene's camera. With `even`, an odd width
+/// or height of a key gets one pixel more, unless a size was requested.
 fn motion(
     args: &Args,
     even: bool,
@@ -375,7 +375,7 @@ impl Job<'_> {
         DrawOptions { background: self.args.background, jobs: options::jobs(self.args.jobs) }
     }
 
-    /// Writes the film to one file. Returns a summary; `None` if the reader of the output pipe closed it.
+    /// Writes the film to one file. Returns counts and times; `None` if the reader of the output pipe closed it.
     fn write(&self, session: &mut Session, path: &Path, format: Format) -> Result<Option<Drawn>> {
         let frames: Vec<u32> = (0..self.film.frames).collect();
         let mut progress = Progress::new("drawing");
@@ -418,7 +418,7 @@ impl Job<'_> {
         }
     }
 
-    /// Draws `frames`, and saves those that are `missing`.
+    /// Draws `frames`, and saves those that are `missing`, a sorted list.
     fn fill(
         &self,
         session: &mut Session,
