@@ -41,7 +41,8 @@ pub type View<'a> = (&'a Camera, Rules);
 
 /// Returns the rules of a view, with the plan's values of `low_pass` and `alpha_cap`.
 ///
-/// These two parameters can leave out splats whose centres are in the picture.
+/// These two parameters can leave out splats whose centres are in the picture. Any `low_pass` but `dilated` becomes
+/// [`LowPass::None`].
 pub fn rules_of(plan: Option<&Plan>, scene: &Scene, camera: &Camera) -> Rules {
     let mut rules = Rules::of_view(scene, camera);
     for param in plan.iter().flat_map(|plan| &plan.params) {
@@ -119,7 +120,7 @@ fn is_invisible(scene: &Scene) -> bool {
     !(0..scene.count() as usize).any(|index| scene.can_show(index))
 }
 
-/// Reports that `blind` of `of` cameras see no splat, and why.
+/// Reports that `blind` of `of` cameras see no splat, and why. `example` is the view of one of them.
 ///
 /// Either all splats are invisible, or rules leave them out, or they are elsewhere. In the last case, the text names
 /// the box of most splats, and ends with `advice`.
@@ -135,7 +136,7 @@ pub fn note(scene: &Scene, (blind, of): (usize, usize), example: Option<&View>, 
     format!("{blind} of {of} cameras see no splat: {why}")
 }
 
-/// Reports that `blind`, cameras of a comparison's `of`, see no splat; `None` if there are none.
+/// Reports that the cameras in `blind`, out of `of` cameras of a comparison, see no splat; `None` if `blind` is empty.
 ///
 /// # Errors
 /// No camera sees a splat, so there is nothing to compare.

@@ -58,7 +58,8 @@ pub const BACKGROUND: u32 = std::mem::offset_of!(Block, background) as u32;
 
 /// Makes the uniform blocks of a frame, by name.
 ///
-/// `bounds` is the scene's box. `background` is display-encoded. `frame` counts the frames from 0.
+/// `camera` and `bounds`, the scene's box, are in the scene's coordinates. `background` is display-encoded. `frame`
+/// counts the frames from 0.
 pub fn frame_uniforms(
     camera: &Camera,
     bounds: &Bounds,
@@ -80,7 +81,8 @@ pub fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
     [(near - rounding).max(NEAR), (far + rounding).max(NEAR)]
 }
 
-/// Bound on the error of a view depth in f32, relative to the sum of its coordinates: four roundings, doubled.
+/// Bound on the error of a view depth in f32, relative to the sum of the absolute coordinates of the camera and the
+/// point: four roundings, doubled.
 pub const ROUNDING: f64 = 8.0 / (1u64 << 24) as f64;
 
 /// Computes an upper bound on the distance from the camera to any point in the scene's box.

@@ -72,16 +72,18 @@ pub struct DrawOptions {
 pub struct Drawn {
     /// Number of frames.
     pub frames: usize,
-    /// GPU time of all samples, in milliseconds; `None` without timestamps.
+    /// Sum of the GPU times of all samples, in milliseconds; `None` without timestamps.
     pub gpu_ms: Option<f64>,
-    /// Number of frames whose last sample shows no splat; 0 for a scene without splats.
+    /// Number of frames whose last sample shows no splat; 0 for a scene without splats, or if the graph does not count
+    /// visible splats.
     pub blind: usize,
 }
 
 /// Draws frames of a film.
 ///
 /// `encode` runs on threads of the pool; see [`Pictures::start`]. `done` receives its results in the order of the
-/// frames. The session must be prepared for the size of the pictures.
+/// frames. The session must be prepared for the size of the pictures. The film's cameras are in the scene's
+/// coordinates.
 ///
 /// # Errors
 /// The device fails, the graph's output has no colours, or `encode` or `done` fails.

@@ -211,9 +211,10 @@ pub fn frames_of(wall_ms: f64) -> u32 {
 /// A measured quantity with its spread.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Figure {
-    /// Median of the rounds' medians.
+    /// Median of the rounds' medians; after [`Figure::mean`], the mean of several such medians.
     pub median: f64,
-    /// Largest minus smallest of the rounds' medians; `None` with one round.
+    /// Largest minus smallest of the rounds' medians; `None` with one round. After [`Figure::mean`], the largest of
+    /// several.
     pub spread: Option<f64>,
 }
 

@@ -82,7 +82,8 @@ impl Keys {
         keys
     }
 
-    /// Computes the position of a depth in the range, in units of 2^-32, like `depth_place` in the shader.
+    /// Computes the position of a depth's bits in the range, shifted left until the range's size has 32 significant
+    /// bits, like `depth_place` in the shader.
     fn place(&self, z: f32) -> u32 {
         let (near, far) = self.range;
         let range = far.to_bits() - near.to_bits();
@@ -187,9 +188,11 @@ pub struct Need {
     pub bits: Option<u32>,
 }
 
-/// Finds the smallest key width of each mapping that leaves at most `errors` wrong pairs in each view.
+/// Finds, for each mapping, the smallest key width that leaves at most `errors` wrong pairs in each view, as all larger
+/// widths do.
 ///
-/// A wrong pair is two splats that overlap on the screen and are drawn in the wrong order.
+/// A wrong pair is two splats that overlap on the screen and are drawn in the wrong order. The cameras are in the
+/// scene's coordinates.
 pub fn needs(scene: &Scene, cameras: &[Camera], errors: u64) -> Vec<Need> {
     needs_of(&cameras.iter().map(|camera| View::new(scene, camera)).collect::<Vec<_>>(), errors)
 }

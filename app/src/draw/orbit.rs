@@ -59,7 +59,7 @@ impl Orbit {
         Orbit { start, around, axis: [0.0, -1.0, 0.0] }
     }
 
-    /// Computes the camera after `turns` turns; 1 is a full circle.
+    /// Computes the camera after `turns` turns about the axis, by the right-hand rule; 1 is a full circle.
     pub fn at(&self, turns: f64) -> Camera {
         let axis = DVec3::from(self.axis).normalize_or(DVec3::NEG_Y);
         moved_by(&self.start, self.around, DQuat::from_axis_angle(axis, TAU * turns))

@@ -71,7 +71,7 @@ pub struct PickedSplat {
     pub weight: f64,
     /// Colour as seen from this camera; display-encoded, not clamped.
     pub color: [f64; 3],
-    /// Opacity at the splat's centre, 0 to 1.
+    /// Opacity in the file, 0 to 1: without the compensation of a low-pass filter.
     pub opacity: f64,
     /// Centre in world coordinates, as in the file.
     pub position: [f64; 3],

@@ -195,7 +195,7 @@ impl Planner {
     /// Lists the parameters of `graph`, with the values of `set`; growing ones are at least [`Planner::capacities`].
     ///
     /// # Errors
-    /// The graph cannot be read, or a value in `set` is invalid.
+    /// The graph cannot be read, a value in `set` is invalid, or a requirement is not met.
     pub fn controls(
         &mut self,
         graph: &str,

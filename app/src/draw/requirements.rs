@@ -129,7 +129,7 @@ impl Build {
     }
 
     /// Builds a graph with every output that `plan`, the result of [`Build::plan`], offers. `None` if `plan` has them
-    /// all, or if they do not fit a limit that was changed, such as one workgroup, which no device has.
+    /// all, or if a limit of the device was changed and the plan cannot be built: no device may have that limit.
     ///
     /// # Errors
     /// See [`Build::plan`].
@@ -195,8 +195,10 @@ impl Unchecked {
 
     /// Returns the unmet requirements at their places: as warnings if another graph was checked, or else as errors.
     ///
+    /// `checked` is the number of checked graphs.
+    ///
     /// # Errors
-    /// No graph was checked.
+    /// There are unmet requirements, and no graph was checked.
     pub fn diagnostics(self, checked: usize) -> Result<Vec<PlainDiagnostic>, GraphErrors> {
         match GraphErrors::joined(self.0) {
             Some(errors) if checked == 0 => Err(errors),

@@ -105,6 +105,8 @@ pub struct BufferSize {
 
 impl CameraStats {
     /// Summarises the frames of a camera: at least one, in the order of submission.
+    ///
+    /// `loaded` is the scene's number of splats. [`CameraStats::busy`], `files` and `inspected` stay empty.
     pub fn new(
         camera: (&str, (u32, u32)),
         plan: &Plan,
@@ -154,7 +156,8 @@ impl CameraStats {
         self.counts.get(name)?.as_u64()
     }
 
-    /// Returns true if the scene has splats and none was visible in the last frame.
+    /// Returns true if the scene has splats and none was visible in the last frame. False if the graph does not
+    /// count visible splats.
     pub fn sees_nothing(&self) -> bool {
         self.loaded.is_some_and(|loaded| loaded > 0) && is_blind(&self.stats)
     }
@@ -197,7 +200,7 @@ impl CameraStats {
     }
 }
 
-/// Returns true if a frame's statistics count no visible splat.
+/// Returns true if a frame's statistic `visible` is 0; false without this statistic.
 pub(crate) fn is_blind(stats: &[(String, u32)]) -> bool {
     stats.iter().any(|(name, count)| name == VISIBLE && *count == 0)
 }

@@ -26,7 +26,7 @@ pub struct Original {
     unread: Option<String>,
     /// Description of the data after the last row; `None` if there is none.
     after_rows: Option<String>,
-    /// Comments and copyright of the file, which PLY keeps of one file.
+    /// Comments and copyright of the file. A PLY file keeps them, unless scenes were merged.
     comments: Vec<String>,
 }
 
@@ -106,7 +106,8 @@ pub fn after_rows(scene: &Scene) -> Option<String> {
 
 /// Describes what is unusual about a loaded scene, one text for each peculiarity.
 ///
-/// These are dropped splats, a mesh that is left out, coarse positions, and properties and tags that are not used.
+/// These are dropped splats, a mesh that is left out, coarse positions, properties and tags that are not used, and data
+/// after the last row.
 pub fn notes(scene: &Scene) -> Vec<String> {
     let dropped = scene.dropped();
     let texts = [
@@ -127,7 +128,8 @@ pub fn mixed_tags(scene: &Scene) -> Option<String> {
     Some(format!("tags that are ignored, because the scenes differ in them: {tags}"))
 }
 
-/// Describes the steps of positions if they are larger than the splats or, in SPZ, than usual.
+/// Describes the steps of positions if they are larger than the splats or, in SPZ, than usual or than 1/8 of the
+/// median deviation.
 ///
 /// Advises a remedy if there is one. `None` for smaller steps.
 pub fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
@@ -370,7 +372,7 @@ impl Original {
         losses
     }
 
-    /// Describes the quaternions whose lengths a file without rounding lacks; `None` if there are none.
+    /// Describes the quaternions whose length is not 1, which a written file does not keep; `None` if there are none.
     fn lengths(&self) -> Option<String> {
         let QuaternionNorms { min, max, far_from_unit } = self.norms;
         (far_from_unit > 0).then(|| {
@@ -381,8 +383,8 @@ impl Original {
 }
 
 impl Losses {
-    /// Collects what a file of `written` lacks compared with the original scenes. With several, the name of the scene
-    /// precedes a loss of one.
+    /// Collects what a file of `written` lacks compared with the original scenes, each with its name. With several
+    /// scenes, a loss that concerns one of them begins with its name.
     pub fn of(originals: &[(&str, &Original)], written: &Scene, format: SceneFormat) -> Losses {
         let keeps_comments = !written.header_comments().is_empty()
             && matches!(format, SceneFormat::Ply | SceneFormat::CompressedPly);

@@ -18,7 +18,7 @@ pub fn set(file: PathBuf) {
     let _ = FILE.set(file);
 }
 
-/// Hashes the file that contains this code.
+/// Hashes the file that contains this code; returns 16 hexadecimal digits.
 ///
 /// # Errors
 /// The file cannot be read.

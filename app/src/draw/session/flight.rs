@@ -18,9 +18,10 @@ use tracing::info_span;
 const MAX_FLYING: usize = 64;
 
 impl SessionError {
-    /// Returns true for an error of the graph, of the device's limits or of its memory. After such an error, other
-    /// plans and frames can still be drawn. False for a failed device, and for unsuitable inputs, such as a camera of
-    /// another size.
+    /// Returns true for an error of the graph, the scene, or the device's limits or memory. After such an error, other
+    /// plans and frames can still be drawn.
+    ///
+    /// False for a failed or busy device, and for unsuitable inputs, such as a camera of another size.
     pub fn spares_device(&self) -> bool {
         match self {
             SessionError::Graph(_) | SessionError::NoSplats { .. } | SessionError::Full { .. } => true,
@@ -41,8 +42,8 @@ impl Session {
     /// [`Session::wait`] returns their results and errors.
     ///
     /// # Errors
-    /// The camera has another size than the prepared one or another projection than the graph, no plan is prepared, or
-    /// the device fails.
+    /// The camera has another size than the prepared one or, unless it is a pinhole, another projection than the graph;
+    /// no plan is prepared; or the device fails.
     pub fn submit(&mut self, camera: &Camera, request: &FrameOptions) -> Result<FrameId, SessionError> {
         // The histories are saved before one frame only: the last.
         if self.plan().is_some_and(saves_histories) {
@@ -89,8 +90,8 @@ impl Session {
 
     /// Waits for a frame and returns its results.
     ///
-    /// They are drawn with the current plan if at most [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames
-    /// are in flight.
+    /// The results are of the current plan if at most [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames are
+    /// in flight.
     ///
     /// Repeats an incomplete frame with more capacity; see the [module documentation](self). Wait for all frames before
     /// you prepare another size.

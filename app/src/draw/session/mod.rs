@@ -50,10 +50,10 @@ pub enum SessionError {
     /// The device rejected the plan, or failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
-    /// The camera has another projection than the graph.
+    /// The camera is not a pinhole, and its projection differs from the graph's.
     #[error(transparent)]
     Projection(#[from] ProjectionError),
-    /// The scene has no splats, and the graph cannot be planned without splats.
+    /// The scene has no splats, and the plan cannot be built.
     #[error(
         "expected a scene with splats, found one without ({dropped} dropped), which the graph cannot draw:\n{errors}"
     )]
@@ -198,8 +198,10 @@ impl Session {
         }
     }
 
-    /// Gives a new session its first plan, which [`Session::prepare`] then only loads. The plan must be of the session's
-    /// graph, parameters, scene and device. It is discarded like a loaded one.
+    /// Gives a new session its first plan, which [`Session::prepare`] only loads if the size is the plan's.
+    ///
+    /// The plan must be of the session's graph, parameters, scene and device. It is discarded like a loaded one. The
+    /// outputs for which it was built are requested from then on.
     pub fn with_plan(self, early: EarlyPlan) -> Session {
         let EarlyPlan { planner, size, plan } = early;
         Session { planner, early: Some((size, plan)), ..self }
@@ -227,6 +229,8 @@ impl Session {
     }
 
     /// Gives every resource of later plans its own memory, so that its contents can be read after any pass.
+    ///
+    /// Call it before [`Session::prepare`]: a loaded plan stays.
     pub fn keep_contents(&mut self) {
         self.planner.share_memory = false;
         self.early = None;
@@ -261,9 +265,9 @@ impl Session {
 
     /// Changes the graph like [`Session::set_graph`], to one whose plans are already built.
     ///
-    /// [`Session::prepare`] uses a plan of `built`, unless outputs are requested, contents are kept or a list grew. The
-    /// plans must come from [`Session::plan_of`] with the same graph and parameters, of a session with the same device
-    /// and scene.
+    /// [`Session::prepare`] uses the plan of `built` for its size, unless the plan has warnings, outputs are requested,
+    /// contents are kept or a list grew. The plans must come from [`Session::plan_of`] with the same graph and
+    /// parameters, of a session with the same device and scene.
     pub fn set_planned(&mut self, pipeline: &str, set: &[(String, String)], built: &Built) {
         self.set_graph(pipeline, set);
         self.built = built.clone();
@@ -272,7 +276,7 @@ impl Session {
     /// Changes the graph like [`Session::set_graph`], after checking it and its parameters for pictures of this size.
     ///
     /// # Errors
-    /// The graph cannot be read, or a value is invalid. The session is then unchanged.
+    /// The graph cannot be read, a value is invalid, or a requirement is not met. The session is then unchanged.
     pub fn change_graph(
         &mut self,
         pipeline: &str,
@@ -304,7 +308,7 @@ impl Session {
     /// Lists the graph's parameters with their values for a picture size.
     ///
     /// # Errors
-    /// The graph cannot be read, or a value is invalid.
+    /// The graph cannot be read, a value is invalid, or a requirement is not met.
     pub fn controls(&mut self, size: (u32, u32)) -> Result<Vec<Control>, SessionError> {
         let (pipeline, set) = (self.pipeline.clone(), self.set.clone());
         self.controls_of(&pipeline, &set, size)

@@ -79,7 +79,7 @@ impl Format {
         })
     }
 
-    /// Begins a film of `frames` frames.
+    /// Begins a film of exactly `frames` frames. `size` is the width and height, in pixels.
     ///
     /// # Errors
     /// `out` fails, or the format does not support the film's size, rate or length.

@@ -18,7 +18,7 @@ pub(super) fn encode(image: &Image) -> Vec<u8> {
     [b"FRAME\n".as_slice(), &planes(image)].concat()
 }
 
-/// Converts a picture to the planes of a frame: luma, then the two chroma planes.
+/// Converts a picture to the planes of a frame: luma, blue chroma, red chroma.
 pub(super) fn planes(image: &Image) -> Vec<u8> {
     let (width, height) = (image.width, image.height);
     let [across, down] = [width, height].map(|side| side.div_ceil(2));

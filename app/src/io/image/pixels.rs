@@ -25,7 +25,7 @@ pub struct Image<C = f32> {
 pub enum Depth {
     /// Integers from 0 to the given level, which is white.
     Levels(u16),
-    /// Floats of single precision.
+    /// Floats of single or half precision.
     Single,
     /// Floats of double precision, or 32-bit integers.
     Double,

@@ -62,6 +62,8 @@ fn existing(path: &Path, _: &Metadata) -> std::io::Result<Existing> {
 impl OutputGuard {
     /// Adds a file that the command reads. A path that does not lead to a regular file is ignored.
     ///
+    /// `what` names the file in errors.
+    ///
     /// # Errors
     /// A previously added output is the same file.
     pub fn input(&mut self, what: &str, path: &Path) -> Result<(), Conflict> {

@@ -111,7 +111,8 @@ const TEXT: u32 = 14;
 const NAME: u32 = 13;
 const HEAD: u32 = 66;
 
-/// Style of a series. Series beyond the seventh repeat the colours, with open dots.
+/// Style of a series. The eighth to the fourteenth series repeat the colours, with open dots; further ones repeat all
+/// styles.
 #[derive(Clone, Copy)]
 struct Mark {
     colour: RGBColor,
