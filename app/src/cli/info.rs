@@ -157,8 +157,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Describes one entry of a list of scenes: its file, the first index of its splats (as in the output `index`), and their
-/// number.
+/// Describes one entry of a list of scenes: its file, the first index of its splats (as in the output `index`), and
+/// their number.
 fn part(part: &ScenePart) -> Json {
     json!({ "file": options::text_of(&part.file), "first": part.splats.start, "count": part.splats.len() })
 }

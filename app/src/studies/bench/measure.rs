@@ -96,7 +96,7 @@ pub struct Found {
     pub parameters: Map<String, Json>,
     /// The reason for each parameter value that comes from an expression over facts or other parameters.
     pub reasons: BTreeMap<String, Reason>,
-    /// The mean of the views' medians.
+    /// The means of the views' medians, with the largest spread of a view.
     pub mean: Figures,
     /// The views, one per camera.
     pub views: Vec<View>,
@@ -294,7 +294,8 @@ fn found(mut runner: Runner, copy: Option<f64>) -> Result<Found, SessionError> {
     })
 }
 
-/// Averages the medians of the views. A pass that only some views have is averaged over these.
+/// Averages the medians of the views, and takes the largest spread. A pass that only some views have is averaged over
+/// these.
 fn mean(views: &[View], copy: Option<f64>) -> Figures {
     let over = |of: fn(&Figures) -> Option<Figure>| Figure::mean(views.iter().map(|view| of(&view.figures)));
     let parts = |of: fn(&Figures) -> &Vec<Part>| {
