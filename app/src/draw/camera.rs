@@ -81,8 +81,9 @@ pub fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
     [(near - rounding).max(NEAR), (far + rounding).max(NEAR)]
 }
 
-/// Bound on the error of a view depth in f32, relative to the sum of the absolute coordinates of the camera and the
-/// point: four roundings, doubled.
+/// Bound on the relative error of a view depth in f32: four roundings, doubled.
+///
+/// It is relative to the sum of the absolute coordinates of the camera and the point.
 pub const ROUNDING: f64 = 8.0 / (1u64 << 24) as f64;
 
 /// Computes an upper bound on the distance from the camera to any point in the scene's box.

@@ -74,7 +74,7 @@ pub struct Drawn {
     pub frames: usize,
     /// Sum of the GPU times of all samples, in milliseconds; `None` without timestamps.
     pub gpu_ms: Option<f64>,
-    /// Number of frames whose last sample shows no splat; 0 for a scene without splats, or if the graph does not count
+    /// Number of frames whose last sample shows no splat. 0 for a scene without splats, or if the graph does not count
     /// visible splats.
     pub blind: usize,
 }

@@ -152,10 +152,11 @@ pub fn rounds(
     Ok(all)
 }
 
-/// Maximum number of frames with timestamps of passes beside the frames that are measured as a whole.
+/// Maximum number of frames of a session with timestamps of passes, besides the frames that are measured as a whole.
 pub const PROFILED: u32 = 3;
 
-/// Draws interleaved frames with timestamps of passes, for the times of phases: one per round, at most [`PROFILED`].
+/// Draws interleaved frames with timestamps of passes, for the times of phases. Each session draws one frame per round,
+/// at most [`PROFILED`].
 ///
 /// # Errors
 /// See [`rounds()`].

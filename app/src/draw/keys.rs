@@ -82,8 +82,8 @@ impl Keys {
         keys
     }
 
-    /// Computes the position of a depth's bits in the range, shifted left until the range's size has 32 significant
-    /// bits, like `depth_place` in the shader.
+    /// Computes the position of a depth's bits in the range, like `depth_place` in the shader. It is shifted left until
+    /// the range's size has 32 significant bits.
     fn place(&self, z: f32) -> u32 {
         let (near, far) = self.range;
         let range = far.to_bits() - near.to_bits();
@@ -184,7 +184,7 @@ impl View {
 pub struct Need {
     /// Mapping of depth to keys.
     pub map: Mapping,
-    /// Width of the key in bits; `None` if 32 bits are not enough, or if too many keys are equal to count the pairs.
+    /// Width of the key in bits. `None` if 32 bits are not enough, or if too many keys are equal to count the pairs.
     pub bits: Option<u32>,
 }
 

@@ -26,7 +26,7 @@ pub struct Case {
 pub struct Build {
     /// Index of the graph in its choice; see [`splatgraph_framework::lower::candidates`].
     pub index: usize,
-    /// Name by which the choice refers to a graph that is not drawn; `None` if the graph is drawn or is not part of a
+    /// Name by which the choice refers to a graph that is not drawn. `None` if the graph is drawn or is not part of a
     /// choice.
     pub name: Option<String>,
     /// A case that meets the graph's requirements; `None` if none was found.

@@ -156,8 +156,8 @@ impl CameraStats {
         self.counts.get(name)?.as_u64()
     }
 
-    /// Returns true if the scene has splats and none was visible in the last frame. False if the graph does not
-    /// count visible splats.
+    /// Returns true if the scene has splats and none was visible in the last frame. False if the graph does not count
+    /// visible splats.
     pub fn sees_nothing(&self) -> bool {
         self.loaded.is_some_and(|loaded| loaded > 0) && is_blind(&self.stats)
     }

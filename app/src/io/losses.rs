@@ -94,8 +94,8 @@ pub fn skipped(scene: &Scene) -> Option<String> {
     listed(&others.map(|field| field.name.clone()).collect::<Vec<_>>())
 }
 
-/// Describes the data after the last row of a PLY file, such as splats that its header does not count; `None` if there
-/// is none. Less than half a row is padding or blank lines.
+/// Describes the data after the last row of a PLY file, such as splats that its header does not count. `None` if there
+/// is none, or less than half a row, which is padding or blank lines.
 pub fn after_rows(scene: &Scene) -> Option<String> {
     let SizeBreakdown { format, elements, trailing_bytes, .. } = scene.size_breakdown();
     let vertex = elements.iter().find(|element| element.name == "vertex" && format.contains("ply"))?;
@@ -128,10 +128,10 @@ pub fn mixed_tags(scene: &Scene) -> Option<String> {
     Some(format!("tags that are ignored, because the scenes differ in them: {tags}"))
 }
 
-/// Describes the steps of positions if they are larger than the splats or, in SPZ, than usual or than 1/8 of the
-/// median deviation.
+/// Describes the steps of positions if they are coarse, with a remedy if there is one; `None` for finer steps.
 ///
-/// Advises a remedy if there is one. `None` for smaller steps.
+/// Steps are coarse if they are larger than the splats or, in SPZ, larger than usual or than 1/8 of the splats' median
+/// deviation.
 pub fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
     if let Some(steps) = scene.large_steps(format) {
         let advice = match outliers::find(scene, format) {

@@ -70,7 +70,7 @@ pub fn unread(culled: &[Culled]) -> String {
     names.join(", ")
 }
 
-/// Returns true if the pass runs only in the first frame after a load.
+/// Returns true if the target's pass runs only in the first frame after a load.
 pub fn in_prologue(plan: &Plan, target: &Inspect) -> bool {
     plan.pass(target.after).run == Run::Once
 }

@@ -187,8 +187,9 @@ impl Session {
         }
     }
 
-    /// Restores the histories to their contents before an incomplete frame that cannot be repeated, so that later
-    /// frames do not read its partial results. Without memory for this, these stay.
+    /// Restores the histories to their contents before an incomplete frame that cannot be repeated.
+    ///
+    /// Later frames then do not read its partial results. If this fails, for example without memory, these stay.
     fn undo(&mut self, plan: &Plan, share: bool) {
         if let (true, Some((_, size))) = (saves_histories(plan), &self.loaded) {
             _ = self.load(*size, Former::Frame { shares_results: share }, &mut |_| {});

@@ -52,7 +52,7 @@ const BUFFER_BYTES: usize = 1 << 17;
 /// Maximum number of links that are followed to a target, as on Linux.
 const MAX_LINKS: usize = 40;
 
-/// Writes a file, and creates its folder; `-` is standard output, whose reader may close the pipe early without an
+/// Writes a file, and creates its folder. `-` is standard output, whose reader may close the pipe early without an
 /// error.
 ///
 /// # Errors
