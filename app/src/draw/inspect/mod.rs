@@ -173,7 +173,8 @@ pub struct Finding {
     /// `[count, words per element]` for a buffer, `[height, width, channels]` for an image; a trailing 1 is omitted. A
     /// buffer whose stride is not a multiple of 4 bytes has `[words]`.
     pub shape: Vec<u64>,
-    /// Summaries of an image's channels, or of the words of a buffer's elements; at most [`MAX_CHANNELS`].
+    /// Summaries of an image's channels, or of the words of a buffer's elements, read as `declared`; at most
+    /// [`MAX_CHANNELS`].
     pub values: Vec<Values>,
     /// Order of the keys; `None` unless the resource has keys (see [`holds_keys`]) and the order is known.
     #[serde(skip_serializing_if = "Option::is_none")]

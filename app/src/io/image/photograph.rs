@@ -42,7 +42,8 @@ impl Image {
         }
     }
 
-    /// Loads a photograph. If it has an alpha channel, it is blended over `background`.
+    /// Loads a photograph. If it has an alpha channel, it is blended over `background`, a display-encoded
+    /// colour.
     ///
     /// # Errors
     /// See [`Image::photograph_size`]; also, the file may be damaged.

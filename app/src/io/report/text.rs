@@ -36,7 +36,7 @@ pub fn decimals(value: f64, digits: usize) -> String {
     if digits == 0 { text } else { text.trim_end_matches('0').trim_end_matches('.').to_owned() }
 }
 
-/// Formats a measurement for a table; `-` for `None`.
+/// Formats a measurement for a table, with `digits` decimals; `-` for `None`.
 pub fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or("-".into(), |value| format!("{value:.digits$}"))
 }
