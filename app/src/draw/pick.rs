@@ -13,7 +13,7 @@
 
 use super::splat_set::Masked;
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_reference::{Fragment, Projected, Rules, Splats, fragments, project};
+use splatgraph_reference::{Fragment, Gaussian, Projected, Rules, Splats, fragments, project};
 
 /// Ellipse on which a splat's alpha falls to the alpha floor, 1/255. The splat has fragments only inside it.
 ///
@@ -59,44 +59,22 @@ impl Outline {
 /// A splat that is blended at a picked pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PickedSplat {
-    /// Index in the scene: position in the file, not counting splats that were dropped on load.
-    pub index: u32,
-    /// View depth, or distance from the camera if the splats are sorted by distance; in world units.
-    pub depth: f64,
-    /// Alpha at the pixel, capped at 0.99.
-    pub alpha: f64,
-    /// Transmittance in front of this splat.
-    pub transmittance: f64,
-    /// Share of the pixel's colour: alpha times transmittance.
-    pub weight: f64,
-    /// Colour as seen from this camera; display-encoded, not clamped.
-    pub color: [f64; 3],
-    /// Opacity in the file, 0 to 1: without the compensation of a low-pass filter.
-    pub opacity: f64,
-    /// Centre in world coordinates, as in the file.
-    pub position: [f64; 3],
-    /// Standard deviation along each axis, in world units.
-    pub scale: [f64; 3],
-    /// Unit quaternion w, x, y, z from the splat's axes to the world's.
-    pub rotation: [f64; 4],
-    /// 2D covariance including the low-pass filter: xx, xy, yy, in square pixels.
-    pub covariance: [f64; 3],
-    /// Outline on the picture; `None` if [`outline`] returns none.
-    pub outline: Option<Outline>,
+    /// What it adds to the pixel. Its index counts the scene's splats, without those that were dropped on load.
+    pub fragment: Fragment,
+    /// The splat as in the file: centre in world coordinates, opacity without a low-pass filter's compensation.
+    pub gaussian: Gaussian,
 }
 
 /// The splats that are blended at a pixel, and the selected one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picked {
-    /// The camera of the picture, in the scene's coordinates.
-    pub camera: Camera,
     /// Column and row of the pixel.
     pub pixel: [u32; 2],
     /// Splats, near to far.
     pub splats: Vec<PickedSplat>,
     /// Share of the pixel that is left for the background or the mesh.
     pub transmittance: f64,
-    /// Mean of [`PickedSplat::depth`], weighted by the splats' shares; `None` without splats.
+    /// Mean of [`Fragment::depth`], weighted by the splats' shares; `None` without splats.
     pub depth: Option<f64>,
     /// Index of the selected splat in `splats`; `None` without splats.
     pub selected: Option<usize>,
@@ -129,30 +107,17 @@ pub fn pick(
     let scene = masked.scene;
     let rules = &Rules::of_view(scene, camera);
     let found = fragments(masked, camera, pixel, rules, cancelled)?;
-    let of = |fragment: &Fragment| {
-        let splat = scene.get(fragment.index as usize);
-        let projected = project(scene, fragment.index, camera, rules)?;
-        let offset = scene.offset();
-        Some(PickedSplat {
-            index: fragment.index,
-            depth: fragment.depth,
-            alpha: fragment.alpha,
-            transmittance: fragment.transmittance,
-            weight: fragment.weight(),
-            color: fragment.color,
-            opacity: splat.opacity,
-            position: std::array::from_fn(|axis| splat.position[axis] + offset[axis]),
-            scale: splat.scale,
-            rotation: splat.rotation,
-            covariance: projected.covariance,
-            outline: Outline::of(&projected, rules),
-        })
+    let offset = scene.offset();
+    let of = |fragment: Fragment| {
+        let mut gaussian = scene.get(fragment.index as usize);
+        gaussian.position.iter_mut().zip(offset).for_each(|(own, offset)| *own += offset);
+        PickedSplat { fragment, gaussian }
     };
-    let splats: Vec<PickedSplat> = found.list.iter().filter_map(of).collect();
-    let largest = splats.iter().enumerate().rev().max_by(|(_, a), (_, b)| a.weight.total_cmp(&b.weight));
-    let selected = largest.map(|(index, _)| index);
     let (transmittance, depth) = (found.transmittance, found.depth());
-    Some(Picked { camera: camera.clone(), pixel, splats, transmittance, depth, selected })
+    let splats: Vec<PickedSplat> = found.list.into_iter().map(of).collect();
+    let weight = |index: &usize| splats[*index].fragment.weight();
+    let selected = (0..splats.len()).rev().max_by(|a, b| weight(a).total_cmp(&weight(b)));
+    Some(Picked { pixel, splats, transmittance, depth, selected })
 }
 
 /// Computes the outline of a splat. `camera` is in the scene's coordinates.
@@ -205,14 +170,15 @@ mod tests {
             for at in (0..80 * 60).step_by(97) {
                 let found = picked(&scene, &camera, [at % 80, at / 80]).unwrap();
                 for (channel, expected) in picture.color[at as usize].into_iter().enumerate() {
-                    let sum: f64 = found.splats.iter().map(|splat| splat.weight * splat.color[channel]).sum();
+                    let sum: f64 =
+                        found.splats.iter().map(|s| s.fragment.weight() * s.fragment.color[channel]).sum();
                     let color = sum + found.transmittance * background[channel];
                     assert!((color - expected).abs() < 1e-9, "{name}, pixel {at}: {color}, not {expected}");
                 }
                 assert_eq!(found.splats.len() as u32, picture.contributors[at as usize]);
-                let shares = found.splats.iter().map(|splat| splat.weight);
+                let shares = found.splats.iter().map(|splat| splat.fragment.weight());
                 let largest = shares.fold(0.0, f64::max);
-                assert!(found.splat().is_none_or(|splat| splat.weight == largest));
+                assert!(found.splat().is_none_or(|splat| splat.fragment.weight() == largest));
             }
         }
     }
@@ -221,17 +187,18 @@ mod tests {
     fn a_picked_splat_has_the_numbers_of_the_scene_in_the_world() {
         let offset = [500_000.0, -4_000_000.0, 100.0];
         let scene = synth::generate("uniform", 300, 0).unwrap().with_offset(offset);
-        let found = picked(&scene, &Camera::framing(&scene, 64, 48), [32, 24]).unwrap();
+        let camera = Camera::framing(&scene, 64, 48);
+        let found = picked(&scene, &camera, [32, 24]).unwrap();
         assert!(found.splats.len() > 3);
-        for splat in &found.splats {
-            let own = scene.splat(splat.index as usize);
+        for PickedSplat { fragment, gaussian: splat } in &found.splats {
+            let own = scene.splat(fragment.index as usize);
             assert_eq!(splat.opacity, f64::from(own.opacity));
             assert_eq!(splat.scale, own.scale.map(f64::from));
             assert_eq!(splat.rotation, own.rotation.map(f64::from));
             let axes = (0..3).all(|i| splat.position[i] == f64::from(own.position[i]) + offset[i]);
             assert!(axes, "{splat:?}");
-            let depth = found.camera.to_view(own.position.map(f64::from))[2];
-            assert!((splat.depth - depth).abs() < 1e-5, "{} and {depth}", splat.depth);
+            let depth = camera.to_view(own.position.map(f64::from))[2];
+            assert!((fragment.depth - depth).abs() < 1e-5, "{} and {depth}", fragment.depth);
         }
     }
 
@@ -240,10 +207,11 @@ mod tests {
         let scene = synth::generate("uniform", 300, 0).unwrap();
         let camera = Camera::framing(&scene, 64, 48);
         let all = picked(&scene, &camera, [32, 24]).unwrap();
-        let hidden: SplatSet = [all.splat().unwrap().index].into_iter().collect();
+        let hidden: SplatSet = [all.splat().unwrap().fragment.index].into_iter().collect();
         let masked = Masked { scene: &scene, hidden: &hidden };
         let rest = pick(&masked, &camera, [32, 24], &|| false).unwrap();
-        let indices = |picked: &Picked| picked.splats.iter().map(|splat| splat.index).collect::<Vec<_>>();
+        let indices =
+            |picked: &Picked| picked.splats.iter().map(|splat| splat.fragment.index).collect::<Vec<_>>();
         let expected: Vec<u32> = indices(&all).into_iter().filter(|index| !hidden.contains(*index)).collect();
         // Splats behind the hidden one may now reach the pixel.
         assert!(indices(&rest).starts_with(&expected) && !expected.is_empty());
@@ -256,11 +224,11 @@ mod tests {
         let (first, count) = (found.selected, found.splats.len());
         let mut seen = Vec::new();
         for _ in 0..count {
-            seen.push(found.splat().unwrap().depth);
+            seen.push(found.splat().unwrap().fragment.depth);
             found.step(1);
         }
         assert_eq!(found.selected, first, "all the way round");
-        seen.push(found.splat().unwrap().depth);
+        seen.push(found.splat().unwrap().fragment.depth);
         assert_eq!(seen.windows(2).filter(|pair| pair[0] > pair[1]).count(), 1, "from the last to the first");
         found.step(-1);
         found.step(1 + 5 * count as i64);
@@ -307,10 +275,9 @@ mod tests {
     fn the_alpha_on_an_outline_is_the_alpha_floor() {
         let (scene, camera) = (needle(), ahead());
         let found = picked(&scene, &camera, [108, 68]).unwrap();
-        let splat = found.splat().expect("the needle");
-        let outline = splat.outline.unwrap();
-        assert_eq!(super::outline(&scene, &camera, 0), Some(outline));
-        let [xx, xy, yy] = splat.covariance;
+        let splat = found.splat().expect("the needle").gaussian;
+        let outline = outline(&scene, &camera, 0).unwrap();
+        let [xx, xy, yy] = project(&scene, 0, &camera, &Rules::PUBLISHED).unwrap().covariance;
         for step in 0..32 {
             let point = outline.point(f64::from(step) * std::f64::consts::TAU / 32.0);
             let [x, y]: [f64; 2] = std::array::from_fn(|i| point[i] - outline.center[i]);

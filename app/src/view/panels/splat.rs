@@ -2,7 +2,7 @@
 
 use super::theme::{self, Palette};
 use super::widgets::{self, Control as _, fact, heading};
-use crate::draw::pick;
+use crate::draw::pick::{self, PickedSplat};
 use crate::view::viewer::Viewer;
 use egui::{Color32, Rect, RichText, Stroke, Ui, pos2, vec2};
 use splatgraph_assets::{Projection, grouped};
@@ -21,12 +21,12 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     };
     let [x, y] = picked.pixel;
     let count = picked.splats.len();
-    let Some(splat) = picked.splat().copied() else {
+    let Some(PickedSplat { fragment, gaussian: splat }) = picked.splat().copied() else {
         ui.label(RichText::new(format!("Pixel {x}, {y}")).family(theme::strong()).size(theme::HEADING));
         ui.weak("No splat is blended here: this is the background.");
         return;
     };
-    let title = format!("Splat {}", grouped(splat.index.into()));
+    let title = format!("Splat {}", grouped(fragment.index.into()));
     ui.label(RichText::new(title).family(theme::strong()).size(theme::HEADING));
     ui.horizontal(|ui| {
         let near = ui.button("Nearer").named("splat:nearer");
@@ -41,10 +41,10 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     });
     let percent = |share: f64| format!("{} %", widgets::three_digits(100.0 * share));
     let three = |values: [f64; 3]| values.map(|v| format!("{v:.4}")).join("  ");
-    fact(ui, "Share of the pixel", percent(splat.weight));
-    fact(ui, "Alpha here", format!("{:.4}", splat.alpha));
-    fact(ui, "Transmittance before", format!("{:.4}", splat.transmittance));
-    fact(ui, "Depth", format!("{:.4}", splat.depth));
+    fact(ui, "Share of the pixel", percent(fragment.weight()));
+    fact(ui, "Alpha here", format!("{:.4}", fragment.alpha));
+    fact(ui, "Transmittance before", format!("{:.4}", fragment.transmittance));
+    fact(ui, "Depth", format!("{:.4}", fragment.depth));
     fact(ui, "Opacity", format!("{:.4}", splat.opacity));
     let soft = Palette::of(ui).soft;
     widgets::row(
@@ -67,10 +67,10 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     fact(ui, "Rotation w x y z", splat.rotation.map(|v| format!("{v:.3}")).join("  "));
     ui.horizontal(|ui| {
         ui.label(RichText::new("Colour from here").color(soft));
-        let [r, g, b] = splat.color.map(|v| (255.0 * v).round().clamp(0.0, 255.0) as u8);
+        let [r, g, b] = fragment.color.map(|v| (255.0 * v).round().clamp(0.0, 255.0) as u8);
         let (rect, _) = ui.allocate_exact_size(vec2(24.0, 14.0), egui::Sense::hover());
         ui.painter().rect_filled(rect, 2.0, Color32::from_rgb(r, g, b));
-        ui.label(three(splat.color));
+        ui.label(three(fragment.color));
     });
     heading(ui, "The pixel");
     fact(ui, "Splats blended", grouped(count as u64));
@@ -80,7 +80,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     }
     ui.weak("By the published rules in double precision, whatever the graph does.");
     for (index, other) in picked.splats.iter().enumerate().take(LIST) {
-        let text = format!("{}   {}", grouped(other.index.into()), percent(other.weight));
+        let text = format!("{}   {}", grouped(other.fragment.index.into()), percent(other.fragment.weight()));
         if ui.selectable_label(picked.selected == Some(index), text).clicked() {
             picked.selected = Some(index);
         }
@@ -95,7 +95,7 @@ pub fn draw_outline(ui: &Ui, viewer: &Viewer, view: Rect) {
     let Some(splat) = viewer.picked.as_ref().and_then(|picked| picked.splat()) else { return };
     let id = viewer.picked_in();
     let camera = viewer.picture_camera_of(id);
-    let Some(outline) = pick::outline(viewer.loaded(id), &camera, splat.index) else { return };
+    let Some(outline) = pick::outline(viewer.loaded(id), &camera, splat.fragment.index) else { return };
     let scale = vec2(view.width() / camera.width.max(1) as f32, view.height() / camera.height.max(1) as f32);
     let painter = ui.painter().with_clip_rect(view);
     // A splat that crosses an edge of a panorama continues at the other.

@@ -68,7 +68,7 @@ fn splats_are_picked_in_the_last_picture_until_another_scene_is_shown() {
             let picked = |script: &mut Script, at: [f32; 2]| {
                 script.viewer().pick(RendererId::A, at);
                 script.until("the splats", |script| !script.viewer().busy());
-                script.viewer().picked.as_ref().and_then(|picked| picked.splat()).map(|splat| splat.position)
+                script.viewer().picked.as_ref().and_then(|picked| picked.splat()).map(|s| s.gaussian.position)
             };
             let first = picked(script, [160.7, 90.2]).expect("a splat");
             assert_eq!(script.viewer().picked_distance(), None);

@@ -421,7 +421,8 @@ impl Viewer {
     /// Returns the world distance from the selected splat to the one selected before the last pick. `None` if either is
     /// missing.
     pub fn picked_distance(&self) -> Option<f64> {
-        let [here, before] = [self.picked.as_ref()?.splat()?.position, self.picked_before?].map(DVec3::from);
+        let [here, before] =
+            [self.picked.as_ref()?.splat()?.gaussian.position, self.picked_before?].map(DVec3::from);
         Some(here.distance(before))
     }
 
@@ -445,7 +446,7 @@ impl Viewer {
             None => {}
             Some(Ok(picked)) => {
                 let before = self.picked.replace(picked);
-                let before = before.as_ref().and_then(Picked::splat).map(|splat| splat.position);
+                let before = before.as_ref().and_then(Picked::splat).map(|splat| splat.gaussian.position);
                 self.picked_before = before.or(self.picked_before);
             }
             Some(Err(text)) => self.events.push(Event::Problem { text }),
