@@ -212,7 +212,7 @@ pub fn claim_photographs(guard: &mut OutputGuard, folder: &Path, views: &[View])
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::draw::render_command::RenderCommand;
+    use crate::draw::render_command;
     use proptest::prelude::*;
     use splatgraph_assets::synth;
 
@@ -285,14 +285,8 @@ mod tests {
                 projection: Default::default(),
             };
             let camera = camera.rounded();
-            let line = RenderCommand {
-                scene: Path::new("scene.ply"),
-                camera: &camera,
-                graph: "tiled",
-                set: [],
-                background: [0.0; 3],
-                output: Path::new("out.png"),
-            }.line();
+            let [scene, output] = ["scene.ply", "out.png"].map(Path::new);
+            let line = render_command::line(scene, &camera, "tiled", [], [0.0; 3], output);
             // Starting a shell for each of hundreds of lines would be slow.
             let json = line.split("--cameras '").nth(1).and_then(|rest| rest.split("' --size").next());
             let json = json.expect("a quoted word").replace("'\\''", "'");

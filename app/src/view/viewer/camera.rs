@@ -7,7 +7,7 @@ use crate::draw::camera::mean_up;
 use crate::draw::camera_path::KeyError;
 use crate::draw::facts;
 use crate::draw::projection;
-use crate::draw::render_command::RenderCommand;
+use crate::draw::render_command;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::{Input, Navigation};
 use crate::view::opening::CameraRole;
@@ -227,14 +227,6 @@ impl Viewer {
         let (scene, background) = (self.scene_path_of(id).to_owned(), self.background);
         let renderer = &self.viewport(id)?.renderer;
         let set = renderer.set().iter().map(|(name, value)| (name.as_str(), value.as_str()));
-        let command = RenderCommand {
-            scene: &scene,
-            camera: &camera,
-            graph: renderer.graph(),
-            set,
-            background,
-            output,
-        };
-        Some(command.line())
+        Some(render_command::line(&scene, &camera, renderer.graph(), set, background, output))
     }
 }
