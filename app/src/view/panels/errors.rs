@@ -59,52 +59,47 @@ impl State {
         let place = plain.iter().find_map(|text| origin(text));
         let mut close = false;
         // An area remembers its size, and a card of other errors has another size.
-        egui::Area::new(egui::Id::unique(("mistakes", &texts)))
-            .fixed_pos(view.left_bottom())
-            .pivot(Align2::LEFT_BOTTOM)
-            .constrain_to(view)
-            .order(egui::Order::Foreground)
-            .show(ctx, |ui| {
-                let error = Palette::of(ui).error;
-                // Terminal colours need a dark background, even in the light theme.
-                let frame = hud::card(ui, error).fill(egui::Color32::from_rgb(24, 14, 14));
-                let shown = frame.show(ui, |ui| {
-                    // The window may be too small even for the card's margins.
-                    ui.set_max_width((view.width() - 28.0).max(0.0));
-                    ui.horizontal_wrapped(|ui| {
-                        let colour = egui::Color32::from_rgb(255, 190, 190);
-                        ui.label(RichText::new(heading).family(strong()).size(HEADING).color(colour));
-                        if ui.button("Copy").clicked() {
-                            ui.copy_text(plain.join("\n"));
+        let id = egui::Id::unique(("mistakes", &texts));
+        let area = hud::area(id, view.left_bottom(), Align2::LEFT_BOTTOM, view, egui::Order::Foreground);
+        area.show(ctx, |ui| {
+            let error = Palette::of(ui).error;
+            // Terminal colours need a dark background, even in the light theme.
+            let frame = hud::card(ui, error).fill(egui::Color32::from_rgb(24, 14, 14));
+            let shown = frame.show(ui, |ui| {
+                // The window may be too small even for the card's margins.
+                ui.set_max_width((view.width() - 28.0).max(0.0));
+                ui.horizontal_wrapped(|ui| {
+                    let colour = egui::Color32::from_rgb(255, 190, 190);
+                    ui.label(RichText::new(heading).family(strong()).size(HEADING).color(colour));
+                    if ui.button("Copy").clicked() {
+                        ui.copy_text(plain.join("\n"));
+                    }
+                    if let Some(origin) = &place {
+                        let edit =
+                            ui.button(format!("Edit {}:{}", origin.file, origin.line)).named("mistakes:edit");
+                        if edit.clicked() {
+                            request(ui.ctx(), Command::Edit(origin.clone()));
                         }
-                        if let Some(origin) = &place {
-                            let edit = ui
-                                .button(format!("Edit {}:{}", origin.file, origin.line))
-                                .named("mistakes:edit");
-                            if edit.clicked() {
-                                request(ui.ctx(), Command::Edit(origin.clone()));
-                            }
-                        }
-                        let button = ui.button("Close").named("mistakes:close");
-                        close = button.clicked();
-                    });
-                    let glyph =
-                        ui.fonts_mut(|fonts| fonts.glyph_width(&FontId::monospace(TEXT), ' ')).max(1.0);
-                    let columns = ((ui.max_rect().width() / glyph) as usize).max(8);
-                    // The buttons stay in view in a small window.
-                    let room = view.height() - ui.min_rect().height() - 32.0;
-                    let height = (0.6 * view.height()).min(room).max(40.0);
-                    let scroll = egui::ScrollArea::both().max_height(height).min_scrolled_height(height);
-                    scroll.show(ui, |ui| {
-                        for text in &texts {
-                            let text = failures::layout(text, columns, TEXT);
-                            ui.add(egui::Label::new(text).extend().selectable(true));
-                            ui.add_space(6.0);
-                        }
-                    });
+                    }
+                    let button = ui.button("Close").named("mistakes:close");
+                    close = button.clicked();
                 });
-                shown.response.named("mistakes");
+                let glyph = ui.fonts_mut(|fonts| fonts.glyph_width(&FontId::monospace(TEXT), ' ')).max(1.0);
+                let columns = ((ui.max_rect().width() / glyph) as usize).max(8);
+                // The buttons stay in view in a small window.
+                let room = view.height() - ui.min_rect().height() - 32.0;
+                let height = (0.6 * view.height()).min(room).max(40.0);
+                let scroll = egui::ScrollArea::both().max_height(height).min_scrolled_height(height);
+                scroll.show(ui, |ui| {
+                    for text in &texts {
+                        let text = failures::layout(text, columns, TEXT);
+                        ui.add(egui::Label::new(text).extend().selectable(true));
+                        ui.add_space(6.0);
+                    }
+                });
             });
+            shown.response.named("mistakes");
+        });
         if close {
             self.closed = Some(texts);
         }

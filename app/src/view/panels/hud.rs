@@ -8,8 +8,8 @@ use crate::view::paint::Mode;
 use crate::view::viewer::Viewer;
 use crate::view::viewport::Viewport;
 use egui::{
-    Align2, Area, Color32, Context, CornerRadius, FontId, Frame, Id, InnerResponse, Margin, Order, Rect,
-    RichText, Stroke, Ui, pos2, vec2,
+    Align2, Area, Color32, Context, CornerRadius, FontId, Frame, Id, InnerResponse, Margin, Order, Pos2,
+    Rect, RichText, Stroke, Ui, pos2, vec2,
 };
 use splatgraph_api::Device;
 use splatgraph_assets::grouped;
@@ -125,22 +125,18 @@ impl Toasts {
         let skipped = self.shown.len() - self.shown.iter_mut().rev().take_while(fits).count();
         for toast in &mut self.shown[skipped..] {
             let edge = if toast.failed { palette.error } else { palette.line };
-            let shown = Area::new(Id::unique(("toast", toast.number)))
-                .fixed_pos(pos2(view.right() - 3.0 * GRID, top))
-                .pivot(Align2::RIGHT_TOP)
-                .constrain_to(view)
-                .order(Order::Foreground)
-                .show(ctx, |ui| {
-                    card(ui, edge).show(ui, |ui| {
-                        ui.set_max_width((view.width() - 8.0 * GRID).clamp(40.0, 420.0));
-                        ui.horizontal(|ui| {
-                            ui.add(egui::Label::new(&toast.text).wrap());
-                            if ui.add(egui::Button::new("✗").frame(false)).clicked() {
-                                dismissed = Some(toast.number);
-                            }
-                        });
+            let (id, at) = (Id::unique(("toast", toast.number)), pos2(view.right() - 3.0 * GRID, top));
+            let shown = area(id, at, Align2::RIGHT_TOP, view, Order::Foreground).show(ctx, |ui| {
+                card(ui, edge).show(ui, |ui| {
+                    ui.set_max_width((view.width() - 8.0 * GRID).clamp(40.0, 420.0));
+                    ui.horizontal(|ui| {
+                        ui.add(egui::Label::new(&toast.text).wrap());
+                        if ui.add(egui::Button::new("✗").frame(false)).clicked() {
+                            dismissed = Some(toast.number);
+                        }
                     });
                 });
+            });
             toast.height = shown.response.rect.height();
             top = shown.response.rect.bottom() + gap;
             see(ctx, "toast", shown.response.rect);
@@ -152,6 +148,11 @@ impl Toasts {
 /// Returns the rectangle in which cards are placed: the picture's, or the window's if a tool hides the picture.
 pub fn space_for_cards(ctx: &Context, view: Rect) -> Rect {
     if view.is_positive() { view } else { ctx.content_rect() }
+}
+
+/// Makes an area within `view`, with its corner or edge `pivot` at `at`.
+pub fn area(id: Id, at: Pos2, pivot: Align2, view: Rect, order: Order) -> Area {
+    Area::new(id).fixed_pos(at).pivot(pivot).constrain_to(view).order(order)
 }
 
 /// Shows an area that is placed by its middle or its end. egui places it by its size in the previous frame, so the
@@ -279,11 +280,8 @@ pub fn comparison(ctx: &Context, viewer: &mut Viewer, view: Rect, marked: &mut b
     let total = |viewport: &Viewport| viewport.history.total().map(|total| widgets::time(total.median));
     let times: Vec<Option<String>> = viewer.viewports().map(total).collect();
     let mut close = false;
-    let area = Area::new(Id::unique("comparison"))
-        .fixed_pos(pos2(line, view.bottom() - 4.0 * GRID))
-        .pivot(Align2::CENTER_BOTTOM)
-        .constrain_to(view)
-        .order(Order::Middle);
+    let at = pos2(line, view.bottom() - 4.0 * GRID);
+    let area = area(Id::unique("comparison"), at, Align2::CENTER_BOTTOM, view, Order::Middle);
     let shown = show_area(ctx, area, |ui| {
         card(ui, palette.line).show(ui, |ui| {
             ui.set_max_width((view.width() - 8.0 * GRID).clamp(40.0, 320.0));

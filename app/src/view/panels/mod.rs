@@ -448,11 +448,8 @@ impl Panels {
 
     fn show_notice_card(&mut self, ctx: &Context, view: Rect) {
         let Some(text) = self.notice.clone() else { return };
-        let area = egui::Area::new(egui::Id::unique("notice"))
-            .fixed_pos(view.center_top() + egui::vec2(0.0, 12.0))
-            .pivot(Align2::CENTER_TOP)
-            .constrain_to(view)
-            .order(egui::Order::Foreground);
+        let (id, at) = (egui::Id::unique("notice"), view.center_top() + egui::vec2(0.0, 12.0));
+        let area = hud::area(id, at, Align2::CENTER_TOP, view, egui::Order::Foreground);
         hud::show_area(ctx, area, |ui| {
             let palette = Palette::of(ui);
             let shown = hud::card(ui, palette.caution).show(ui, |ui| {

@@ -13,8 +13,8 @@ use crate::io::output::names;
 use crate::view::events::RendererId;
 use crate::view::viewer::{Combine, Marks, Part, Viewer};
 use egui::{
-    Align2, Area, Button, Color32, Context, CornerRadius, Id, Key, Modifiers, Order, Pos2, Rect, RichText,
-    Shape, Stroke, StrokeKind, TextEdit, Ui, Vec2,
+    Align2, Button, Color32, Context, CornerRadius, Id, Key, Modifiers, Order, Pos2, Rect, RichText, Shape,
+    Stroke, StrokeKind, TextEdit, Ui, Vec2,
 };
 use splatgraph_assets::grouped;
 use std::path::{Path, PathBuf};
@@ -194,11 +194,8 @@ impl State {
             return;
         }
         let palette = Palette::in_mode(ctx.theme() == egui::Theme::Dark);
-        let area = Area::new(Id::unique("splats"))
-            .fixed_pos(view.center_bottom() - Vec2::new(0.0, 4.0 * GRID))
-            .pivot(Align2::CENTER_BOTTOM)
-            .constrain_to(view)
-            .order(Order::Middle);
+        let at = view.center_bottom() - Vec2::new(0.0, 4.0 * GRID);
+        let area = hud::area(Id::unique("splats"), at, Align2::CENTER_BOTTOM, view, Order::Middle);
         let shown = hud::show_area(ctx, area, |ui| {
             hud::card(ui, palette.line).show(ui, |ui| {
                 ui.set_max_width((view.width() - 8.0 * GRID).clamp(40.0, 640.0));
