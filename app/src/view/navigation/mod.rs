@@ -283,11 +283,6 @@ impl Navigation {
         }
     }
 
-    /// Returns true while the graph draws an orthographic view.
-    pub fn is_orthographic(&self) -> bool {
-        self.orthographic
-    }
-
     /// Returns the height of the orthographic view, in world units.
     pub fn height(&self) -> f64 {
         self.height_of(&self.pose)
