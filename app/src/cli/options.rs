@@ -345,6 +345,14 @@ pub fn text_of(path: &Path) -> String {
     path.display().to_string()
 }
 
+/// Adds the fields of one JSON object to another. Values that are no objects have no fields.
+pub fn with_fields(mut all: serde_json::Value, more: serde_json::Value) -> serde_json::Value {
+    if let (Some(all), serde_json::Value::Object(more)) = (all.as_object_mut(), more) {
+        all.extend(more);
+    }
+    all
+}
+
 pub fn write_json(path: &Path, value: &serde_json::Value) -> Result<()> {
     write_text(Some(path), &format!("{value:#}\n"))
 }

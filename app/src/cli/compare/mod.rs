@@ -463,17 +463,10 @@ fn table(pairs: &[&Pair], found: &[Found], worst: usize, missing: usize) -> Stri
 /// infinite PSNR is the text `inf`.
 fn report(pairs: &[&Pair], found: &[Found], worst: usize, missing: Option<&Vec<&str>>) -> Value {
     let entry = |pair: &Pair, found: &Found| {
-        let mut entry =
+        let pair =
             json!({ "name": pair.name, "a": options::text_of(&pair.a), "b": options::text_of(&pair.b) });
-        if let (Value::Object(entry), Ok(Value::Object(metrics))) =
-            (&mut entry, serde_json::to_value(found.all))
-        {
-            entry.extend(metrics);
-            entry.insert("peak".into(), found.peak.into());
-            entry.insert("flip".into(), found.flip.into());
-            entry.insert("flip_8_bits".into(), found.flip_8_bits.into());
-        }
-        entry
+        let rest = json!({ "peak": found.peak, "flip": found.flip, "flip_8_bits": found.flip_8_bits });
+        options::with_fields(options::with_fields(pair, json!(found.all)), rest)
     };
     let Some(missing) = missing else { return entry(pairs[0], &found[0]) };
     let entries: Vec<Value> = pairs.iter().zip(found).map(|(p, c)| entry(p, c)).collect();

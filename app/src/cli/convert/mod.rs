@@ -198,17 +198,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
 
     if let Some(file) = args.price.json() {
-        let mut all = json!({
+        let all = json!({
             "command": options::command_line(), "scene": options::text_of(&args.input), "output": options::text_of(output),
             "format": format.extension(), "splats": scene.count(), "original_splats": original_splats,
             "bytes": bytes, "original_bytes": original_bytes, "dropped": dropped,
         });
-        if let (Some(all), serde_json::Value::Object(lost)) =
-            (all.as_object_mut(), serde_json::to_value(&lost)?)
-        {
-            all.extend(lost);
-        }
-        options::write_json(file, &all)?;
+        options::write_json(file, &options::with_fields(all, serde_json::to_value(&lost)?))?;
     }
     let written = [Some(output), args.price.json(), args.write_cameras.as_deref()];
     let stdout = Stdout::of(written.into_iter().flatten());

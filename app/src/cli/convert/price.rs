@@ -106,14 +106,11 @@ impl PriceArgs {
         let prices = price::measure(scene, truth, &cameras, formats)?;
         match &self.json {
             Some(file) => {
-                let mut all = json!({
+                let all = json!({
                     "command": options::command_line(), "scene": options::text_of(path), "splats": splats, "original_splats": of,
                     "cameras": cameras, "backend": "reference", "prices": prices,
                 });
-                if let (Some(all), Json::Object(lost)) = (all.as_object_mut(), lost) {
-                    all.extend(lost);
-                }
-                options::write_json(file, &all)?;
+                options::write_json(file, &options::with_fields(all, lost))?;
             }
             None => options::print((table(&prices) + &notes).trim_end())?,
         }
