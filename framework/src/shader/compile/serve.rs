@@ -23,7 +23,9 @@ const LOOK_EVERY: Duration = Duration::from_millis(5);
 ///
 /// A program that serves as its own worker must call this at the start of `main`.
 pub fn serve_if_asked() {
-    let Some(limits) = std::env::var(VARIABLE).ok().and_then(|text| Limits::of_text(&text)) else { return };
+    let Ok(Ok(limits)) = std::env::var(VARIABLE).map(|text| serde_json::from_str::<Limits>(&text)) else {
+        return;
+    };
     system::restrict(limits.memory_bytes.saturating_add(BESIDES));
     let output = system::private_output();
     let (turns, watched) = channel();
@@ -69,13 +71,9 @@ fn serve(memory_bytes: u64, turns: &Sender<Turn>, mut output: impl Write) {
             Err(error) => Err(Failure::Log(format!("ERROR: the request cannot be read: {error}"))),
         };
         let _ = turns.send(Turn::End);
-        let (reply, words) = match generated {
-            Ok(words) => (Reply::Compiled, Some(words)),
-            Err(failure) => (Reply::Failed(failure), None),
-        };
-        let Ok(reply) = serde_json::to_vec(&reply) else { return };
-        let bytes: Option<Vec<u8>> =
-            words.map(|words| words.iter().flat_map(|word| word.to_le_bytes()).collect());
+        let words = |words: &Vec<u32>| words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        let bytes: Option<Vec<u8>> = generated.as_ref().ok().map(words);
+        let Ok(reply) = serde_json::to_vec::<Reply>(&generated.map(drop)) else { return };
         if [Some(reply), bytes].iter().flatten().any(|message| send(&mut output, message).is_err()) {
             return;
         }

@@ -25,7 +25,7 @@ use tracing::info_span;
 use super::generate::{Failure, Key};
 use crate::shader::compiler::Cancel;
 
-/// Environment variable that makes a program serve as a worker; its value is the limits.
+/// Environment variable that makes a program serve as a worker; its value is the limits, as JSON.
 pub(super) const VARIABLE: &str = "SPLATGRAPH_SHADER_COMPILER";
 /// The call that a worker's `main` begins with, for errors.
 const SERVE: &str = "`splatgraph_framework::shader::serve_if_asked`";
@@ -45,7 +45,7 @@ const ASK_EVERY: Duration = Duration::from_millis(20);
 const MAX_BYTES: usize = 64 << 20;
 
 /// Limits of a compilation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Limits {
     /// Memory of the worker process, in bytes, beyond what it has at its start. Not limited on systems other than Unix.
     pub memory_bytes: u64,
@@ -57,17 +57,6 @@ impl Default for Limits {
     /// Returns limits of 1 GiB and 10 s.
     fn default() -> Limits {
         Limits { memory_bytes: 1 << 30, time: Duration::from_secs(10) }
-    }
-}
-
-impl Limits {
-    pub(super) fn to_text(self) -> String {
-        format!("{},{}", self.memory_bytes, self.time.as_millis())
-    }
-
-    pub(super) fn of_text(text: &str) -> Option<Limits> {
-        let (memory, time) = text.split_once(',')?;
-        Some(Limits { memory_bytes: memory.parse().ok()?, time: Duration::from_millis(time.parse().ok()?) })
     }
 }
 
@@ -99,12 +88,8 @@ impl Worker {
     }
 }
 
-#[derive(Debug, Serialize, Deserialize)]
-pub(super) enum Reply {
-    /// A second message with the SPIR-V follows.
-    Compiled,
-    Failed(Failure),
-}
+/// A worker's first message about a compilation. After `Ok`, a second message with the SPIR-V follows.
+pub(super) type Reply = Result<(), Failure>;
 
 /// The parent's side: starts a worker on demand, and sends compilations to it.
 #[derive(Debug)]
@@ -218,7 +203,7 @@ impl Process {
         let mut command = Command::new(&worker.program);
         command
             .args(&worker.arguments)
-            .env(VARIABLE, worker.limits.to_text())
+            .env(VARIABLE, serde_json::to_string(&worker.limits)?)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::null());
@@ -260,15 +245,13 @@ impl Process {
             return Err(self.ended());
         }
         let reply = self.wait(cancel)?;
-        Ok(match serde_json::from_slice(&reply) {
-            Ok(Reply::Compiled) => {
-                let bytes = self.wait(cancel)?;
-                let word = |bytes: &[u8]| u32::from_le_bytes(bytes.try_into().expect("chunks of four"));
-                Ok(bytes.chunks_exact(4).map(word).collect())
-            }
-            Ok(Reply::Failed(failure)) => Err(failure),
-            Err(_) => return Err(self.ended()),
-        })
+        let Ok(reply) = serde_json::from_slice::<Reply>(&reply) else { return Err(self.ended()) };
+        if let Err(failure) = reply {
+            return Ok(Err(failure));
+        }
+        let bytes = self.wait(cancel)?;
+        let word = |bytes: &[u8]| u32::from_le_bytes(bytes.try_into().expect("chunks of four"));
+        Ok(Ok(bytes.chunks_exact(4).map(word).collect()))
     }
 
     fn wait(&mut self, cancel: &Cancel) -> Result<Vec<u8>, Lost> {
