@@ -91,11 +91,6 @@ impl Plan {
         self.resources.iter().position(|r| r.name == name).map(|i| ResourceId(i as u32))
     }
 
-    /// Returns the graph that the last fallback took; without fallbacks, the requested name, which can be a choice's.
-    pub fn drawn(&self) -> &str {
-        self.fallbacks.last().map_or(&self.name, |fallback| &fallback.taken)
-    }
-
     /// Lists the choices that follow from facts, for instance `rasteriser = serial and sorter = serial, because
     /// device.subgroup_size = 8`.
     ///

@@ -54,6 +54,7 @@ pub(super) fn resolve(
         let file = files.add("--set", format!("{name}={value}"));
         if !parameters.contains(name) {
             match &mut rejected {
+                Some(rejected) if rejected.contains(name) => {}
                 Some(rejected) => rejected.push(name.clone()),
                 None => errors.push(parameters.unknown(name, Span::new(file, 0..name.len()), "set here")),
             }
