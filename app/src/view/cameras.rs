@@ -44,14 +44,15 @@ impl Views {
     }
 }
 
-/// Writes cameras in world coordinates to a new file in `folder`: `STEM-1.cameras.json`, or the next free number.
-/// Returns the path.
+/// Writes cameras in world coordinates to a new file in `folder`: `STEM-1.cameras.json`, or the next free number. Their
+/// ids are their indices. Returns the path.
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn write(cameras: &[Camera], folder: &Path, stem: &str) -> Result<PathBuf, OutputError> {
     let path = |number| folder.join(format!("{stem}-{number}.cameras.json"));
-    let json = serde_json::to_string_pretty(cameras);
+    let numbered = (0..).zip(cameras).map(|(id, camera)| Camera { id, ..camera.clone() });
+    let json = serde_json::to_string_pretty(&numbered.collect::<Vec<_>>());
     let json = json.map_err(|error| OutputError { path: path(1), cause: error.into() })?;
     names::write_first_free(path, (harmless(&json).into_owned() + "\n").as_bytes())
 }
@@ -93,7 +94,8 @@ mod tests {
         assert_eq!(first, folder.path().join("new/views-1.cameras.json"));
         let second = write(&[camera(7.0)], &folder.path().join("new"), "views").unwrap();
         assert_eq!(second, folder.path().join("new/views-2.cameras.json"));
-        assert_eq!(Camera::load(&first).unwrap(), views.list());
+        let numbered = (0..).zip(views.list()).map(|(id, view)| Camera { id, ..view.clone() });
+        assert_eq!(Camera::load(&first).unwrap(), numbered.collect::<Vec<_>>());
         let text = std::fs::read_to_string(&first).unwrap();
         assert!(text.ends_with("]\n") && !text.contains(['\u{202e}', '\u{9b}']), "{text}");
     }

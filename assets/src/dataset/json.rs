@@ -386,17 +386,22 @@ impl<'de, F: FnMut(Fields) -> Result<View, String>> Visitor<'de> for Frames<'_, 
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
-        let (mut list, mut views) = (Some(self.0), None);
+        let (mut list, mut views, mut is_selection) = (Some(self.0), None, false);
         while let Some(key) = map.next_key::<String>()? {
+            is_selection |= key == "indices";
             match list.take_if(|_| key == "frames" || key == "camera_path") {
                 Some(list) => views = Some(map.next_value_seed(list)?),
                 None => drop(map.next_value::<IgnoredAny>()?),
             }
         }
         views.ok_or_else(|| {
-            A::Error::custom(
-                "expected a list of cameras, or an object with `frames` or `camera_path`, found an object without them",
-            )
+            let found = match is_selection {
+                true => "a selection of splats, which `splatgraph convert --keep` and `--remove` take",
+                false => "an object without them",
+            };
+            A::Error::custom(format_args!(
+                "expected a list of cameras, or an object with `frames` or `camera_path`, found {found}"
+            ))
         })
     }
 }

@@ -41,7 +41,14 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, selected: RendererId) {
             ui.copy_text(serde_json::to_string_pretty(&[camera]).unwrap_or_default());
         }
         let command = ui.button("Copy as command").named("copy_command");
-        if command.hint("The `splatgraph render` command that draws this picture").clicked()
+        let hint = match viewer.marks(selected).hidden.len() {
+            0 => "The `splatgraph render` command that draws this picture".to_owned(),
+            hidden => format!(
+                "The `splatgraph render` command that draws this picture, with the {hidden} hidden splats: to draw it \
+                 without them, save the rest, and open that file"
+            ),
+        };
+        if command.hint(hint).clicked()
             && let Some(line) = viewer.render_command(selected, Path::new("picture.png"))
         {
             ui.copy_text(line);

@@ -1,6 +1,6 @@
 //! Draws the bar at the top: scene, camera, graph, comparison, tools, view menu, and frame time.
 
-use super::controls::request;
+use super::controls::{request, see};
 use super::hud;
 use super::layout::Tool;
 use super::number::NumberField;
@@ -12,6 +12,7 @@ use crate::view::events::RendererId;
 use crate::view::paint::Mode;
 use crate::view::profile::CAPTURES;
 use crate::view::viewer::Viewer;
+use egui::color_picker::{Alpha, color_picker_color32};
 use egui::{
     Align, Button, Color32, Layout, Popup, PopupCloseBehavior, Rect, Response, RichText, TextStyle, Ui,
     UiBuilder, gui_zoom, pos2,
@@ -239,8 +240,12 @@ impl Panels {
                     let is_up = viewer.navigation.up().abs_diff_eq(up.into(), 1e-3);
                     let button = ui.selectable_label(is_up, name);
                     if button.named(&format!("up:{name}")).clicked() {
-                        viewer.show_upright(up);
+                        viewer.show_upright(Some(up));
                     }
+                }
+                let opened = ui.button("as opened").named("up:opened");
+                if opened.hint("That of the cameras or of the file. Saved files keep the file's").clicked() {
+                    viewer.show_upright(None);
                 }
             });
             if ui.button("Select splats (R, B)").named("select").clicked() {
@@ -265,10 +270,17 @@ impl Panels {
                 }
             });
             ui.menu_button("Size of texts", gui_zoom::zoom_menu_buttons);
-            ui.horizontal(|ui| {
-                ui.label("Background");
-                ui.color_edit_button_rgb(&mut viewer.background);
+            // A menu: a popup of its own, such as that of egui's button for colours, would close this menu.
+            let background = ui.menu_button("Background", |ui| {
+                let [r, g, b] = viewer.background.map(|channel| (255.0 * channel).round() as u8);
+                let mut colour = Color32::from_rgb(r, g, b);
+                if color_picker_color32(ui, &mut colour, Alpha::Opaque) {
+                    viewer.background =
+                        [colour.r(), colour.g(), colour.b()].map(|byte| f32::from(byte) / 255.0);
+                }
+                see(ui.ctx(), "background:colours", ui.min_rect());
             });
+            background.response.named("background");
             let capture = CAPTURES.map(|with| format!("Capture the next frame with {with}"));
             for (text, command) in [
                 (Some("Save the window (F12)".to_owned()), Command::Screenshot),

@@ -1,11 +1,12 @@
 //! Tests the bars and tools by clicks and keys.
 
 use super::script::{GRAPH, Script};
+use crate::draw::camera::mean_up;
 use crate::view::events::Event;
 use crate::view::navigation::Input;
 use crate::view::paint::Mode;
 use crate::view::panels::Tool;
-use egui::{Key, Modifiers, PointerButton, Pos2};
+use egui::{Key, Modifiers, PointerButton, Pos2, pos2};
 use splatgraph_assets::synth;
 use splatgraph_framework::ir::Value;
 use splatgraph_null::Config;
@@ -72,6 +73,25 @@ fn the_view_menu_turns_the_scene_upright() {
     assert_eq!(viewer.navigation.up().to_array(), [0.0, 0.0, 1.0]);
     let [_, down, forward] = viewer.picture_camera().axes();
     assert!(down[2] < -0.9 && forward[2] < -0.1, "upright, from above: {down:?} {forward:?}");
+    let opened = mean_up(&synth::demo_cameras()).expect("an up direction");
+    click(&mut script, "up:opened");
+    assert!(script.viewer().navigation.up().abs_diff_eq(opened, 1e-12));
+    script.close(&[]);
+}
+
+#[test]
+fn the_background_is_picked_in_the_view_menu() {
+    let mut script = window(&[]);
+    assert_eq!(script.viewer().background, [0.0; 3]);
+    click(&mut script, "menu");
+    script.frame(false);
+    click(&mut script, "background");
+    script.frame(false);
+    let colours = script.find("background:colours").expect("the menu of colours is open");
+    // The square of saturation and brightness is at the bottom, and black is its lower edge.
+    click_at(&mut script, pos2(colours.left() + 20.0, colours.bottom() - 100.0));
+    assert_ne!(script.viewer().background, [0.0; 3], "{colours}");
+    assert!(script.find("background:colours").is_some(), "the menus stay open");
     script.close(&[]);
 }
 

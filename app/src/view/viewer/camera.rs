@@ -95,9 +95,12 @@ impl Viewer {
         }
     }
 
-    /// Sets the up direction of the navigation and of exported files. Flies to an upright view of most of the scene.
-    pub fn show_upright(&mut self, up: [f64; 3]) {
-        self.subject.up = Some(up);
+    /// Sets the up direction of the navigation and of exported files; `None` for that of the cameras or the file. Flies
+    /// to an upright view of most of the scene.
+    pub fn show_upright(&mut self, up: Option<[f64; 3]>) {
+        self.subject.up = up;
+        let own = || mean_up(self.cameras()).map_or_else(|| self.scene().up(), |up| up.to_array());
+        let up = up.unwrap_or_else(own);
         self.navigation.set_up(up.into());
         let camera = Camera::framing_upright(self.scene(), up, None, facts::DEFAULT_SIZE);
         self.navigation.set_camera(&camera);

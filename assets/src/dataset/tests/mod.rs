@@ -59,6 +59,7 @@ fn errors_say_line_column_and_which_camera() {
     let poses = r#"[{"file_path": "images/a.png", "transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}]"#;
     says(error(poses), "name the transforms.json of the training instead");
     says(error("{}"), "expected a list of cameras");
+    says(error(r#"{"splats": 2, "indices": [0]}"#), "found a selection of splats, which `splatgraph convert");
     says(error(&format!("[{ONE}] x")), "trailing");
     says(error(""), "EOF");
 }
