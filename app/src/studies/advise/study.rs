@@ -168,12 +168,10 @@ fn advised_keys(exact: &Setting, needs: &[Need]) -> Option<Setting> {
     Some(Setting { name: format!("key_bits = {bits}"), pipeline: exact.pipeline.clone(), set })
 }
 
-/// Removes values that equal the graph's defaults.
+/// Removes values that equal the graph's defaults. Values that the user set stay: the advised command needs them.
 fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, String)> {
     let is_default = |(name, value): &(String, String)| {
-        controls
-            .iter()
-            .any(|control| control.param.name == *name && control.param.value.to_string() == *value)
+        controls.iter().any(|control| control.param.name == *name && control.unset.to_string() == *value)
     };
     set.iter().filter(|pair| !is_default(pair)).cloned().collect()
 }
