@@ -6,6 +6,17 @@ use std::ops::RangeInclusive;
 /// Maximum deviation from the identity of `R * transpose(R)`, where `R` is the matrix divided by its scale.
 const TOLERANCE: f64 = 1e-4;
 
+/// Checks the last row of a matrix whose last column is the translation. Fails with a message.
+pub(crate) fn affine(row: DVec4) -> Result<(), String> {
+    let [x, y, z, w] = row.to_array();
+    match row.abs_diff_eq(DVec4::W, 1e-6) {
+        true => Ok(()),
+        false => Err(format!(
+            "expected 0, 0, 0, 1 as the matrix's last row, found {x}, {y}, {z}, {w}; is it transposed?"
+        )),
+    }
+}
+
 /// A rotation, a uniform scale and a translation of the world. Maps `p` to `scale * rotation * p + translation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
@@ -31,8 +42,7 @@ impl Similarity {
     /// Decomposes a matrix. Fails with a message if it skews, mirrors or projects, or if its numbers are out of range,
     /// such as a scale of 0.
     pub(crate) fn of_matrix(matrix: DMat4) -> Result<Self, &'static str> {
-        const SKEWED: &str =
-            "expected a rotation, a uniform scale and a translation, found a matrix that skews or mirrors";
+        const SKEWED: &str = "expected a rotation, a uniform scale and a translation, found a matrix that skews, mirrors or projects";
         const FAR: &str =
             "expected a scale of 1e-9 to 1e9 and a translation of at most 1e18, found another number";
         if matrix == DMat4::IDENTITY {
@@ -46,8 +56,7 @@ impl Similarity {
         }
         let turn = linear * (1.0 / scale);
         let is_rotation = (turn * turn.transpose()).abs_diff_eq(DMat3::IDENTITY, TOLERANCE);
-        let affine = matrix.row(3).abs_diff_eq(DVec4::W, 1e-12);
-        if !(scale > 0.0 && is_rotation && affine) {
+        if !(scale > 0.0 && is_rotation && affine(matrix.row(3)).is_ok()) {
             return Err(SKEWED);
         }
         Ok(Self { rotation: DQuat::from_mat3(&turn).normalize(), scale, translation })

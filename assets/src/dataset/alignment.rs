@@ -7,11 +7,12 @@
 use super::error::{CameraError, MAX_CAMERA_BYTES};
 use super::view::Dataset;
 use crate::file;
+use crate::similarity;
 use glam::{DAffine3, DMat3, DMat4, DVec3, DVec4};
 use serde::{Deserialize, Deserializer};
 use std::path::{Path, PathBuf};
 
-/// A matrix of 3 or 4 rows of 4 numbers, or of these numbers in one list. A fourth row is ignored.
+/// A matrix of 3 or 4 rows of 4 numbers, or of these numbers in one list. A fourth row is 0, 0, 0, 1.
 #[derive(Clone, Copy)]
 pub(super) struct Matrix(pub(super) [[f64; 4]; 3]);
 
@@ -83,7 +84,10 @@ impl<'de> Deserialize<'de> for Matrix {
         }
         let (rows, _) = numbers.as_chunks();
         match rows {
-            [a, b, c] | [a, b, c, _] if numbers.len() % 4 == 0 => Ok(Self([*a, *b, *c])),
+            [a, b, c, last @ ..] if numbers.len() % 4 == 0 && last.len() <= 1 => {
+                let fault = last.iter().try_for_each(|row| similarity::affine(DVec4::from(*row)));
+                fault.map_err(serde::de::Error::custom).map(|()| Self([*a, *b, *c]))
+            }
             _ => Err(serde::de::Error::custom(format!(
                 "expected a matrix of 3 or 4 rows of 4 numbers, found {} numbers",
                 numbers.len()

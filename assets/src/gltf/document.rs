@@ -2,7 +2,7 @@
 
 use crate::error::{SceneError, row, wrong};
 use crate::scene::SortKey;
-use crate::similarity::Similarity;
+use crate::similarity::{self, Similarity};
 use glam::{DMat4, DQuat};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
@@ -240,7 +240,11 @@ impl Document {
                     "expected a tree, found a node with two parents",
                 ));
             }
-            let place = parent * node.matrix();
+            let matrix = node.matrix();
+            similarity::affine(matrix.row(3)).map_err(|text| {
+                wrong(format!("nodes[{index}].matrix"), format!("{text} glTF lists columns"))
+            })?;
+            let place = parent * matrix;
             open.extend(node.children.iter().map(|child| (*child, place)));
             found.push((index, place));
         }

@@ -200,11 +200,17 @@ fn what_is_not_drawn_is_refused_by_name() {
     );
     says(
         said(|document| document["nodes"][0]["scale"] = json!([-1.0, -1.0, -1.0])),
-        "found a matrix that skews or mirrors",
+        "found a matrix that skews, mirrors or projects",
     );
     says(
         said(|document| document["nodes"][0]["scale"] = json!([0.0, 0.0, 0.0])),
         "nodes[0]`: expected a scale of 1e-9 to 1e9",
+    );
+    says(
+        said(|document| {
+            document["nodes"][0]["matrix"] = json!([1, 0, 0, 3, 0, 1, 0, 0.5, 0, 0, 1, 3, 0, 0, 0, 1]);
+        }),
+        "nodes[0].matrix`: expected 0, 0, 0, 1 as the matrix's last row, found 3, 0.5, 3, 1; is it transposed?",
     );
     says(
         said(|document| document["buffers"][0]["uri"] = json!("https://example.org/a.bin")),

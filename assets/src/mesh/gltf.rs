@@ -12,6 +12,7 @@ use crate::file;
 use crate::gltf::{Component, MAGIC};
 use crate::input::{OpenFile, Source};
 use crate::json;
+use crate::similarity;
 use crate::uri::{self, Resource};
 use crate::words::word;
 use glam::{DMat3, DMat4, DVec3};
@@ -221,7 +222,10 @@ impl<'a> Reader<'a> {
                 return Err(wrong(part, "expected nodes in a tree, found one with two parents"));
             }
             let columns = node.transform().matrix().map(|column| column.map(f64::from));
-            let world = parent * DMat4::from_cols_array_2d(&columns);
+            let matrix = DMat4::from_cols_array_2d(&columns);
+            similarity::affine(matrix.row(3))
+                .map_err(|text| wrong(part.clone(), format!("{text} glTF lists columns")))?;
+            let world = parent * matrix;
             let sun = |light: &gltf::khr_lights_punctual::Light| {
                 matches!(light.kind(), gltf::khr_lights_punctual::Kind::Directional)
             };

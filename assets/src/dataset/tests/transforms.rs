@@ -35,6 +35,10 @@ fn transforms_show_a_known_point_at_its_pixel_and_a_frame_has_the_last_word() {
             "\"transform_matrix\": [1, 2, 3],",
             "expected a matrix of 3 or 4 rows of 4 numbers, found 3 numbers",
         ),
+        (
+            "\"transform_matrix\": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0.5, 3, 1],",
+            "expected 0, 0, 0, 1 as the matrix's last row, found 0, 0.5, 3, 1; is it transposed?",
+        ),
     ] {
         let said = parse(&nerfstudio("", of_frame)).unwrap_err().to_string();
         assert!(said.starts_with("folder/transforms.json:") && said.contains(what), "{said}");
