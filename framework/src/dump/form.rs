@@ -90,6 +90,13 @@ pub struct DumpParameter {
     /// Offset in bytes in the uniform block of live parameters; `None` unless the parameter is live.
     #[serde(default)]
     pub offset: Option<u32>,
+    /// GLSL type in the uniform block: `float`, `int`, or `uint` for a bool (0 or 1) and a choice (its index in
+    /// `choices`); `None` unless the parameter is live.
+    #[serde(default, rename = "type")]
+    pub kind: Option<String>,
+    /// Names of a choice, in the order of the file; empty for other parameters.
+    #[serde(default)]
+    pub choices: Vec<String>,
     /// The passes that depend on the parameter, in the order of [`Dump::passes`].
     #[serde(default)]
     pub affects: Vec<String>,
@@ -324,6 +331,9 @@ pub struct DumpPush {
     /// The word, in the type that the shader declares. An unsigned integer if it declares none, and for float words
     /// that are infinite or NaN.
     pub value: Value,
+    /// Type of `value`: `float`, `int` or `uint`. Empty in dumps that lack it.
+    #[serde(default, rename = "type")]
+    pub kind: String,
 }
 
 /// A resource or a pass, with its declaration in the graph.

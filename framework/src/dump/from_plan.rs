@@ -6,8 +6,8 @@ use super::form::{
 };
 use super::repeats;
 use crate::ir::{
-    Accesses, DrawCall, Groups, MemberKind, ParamBinding, Pass, PassId, ResourceId, Run, ShaderId, Shape,
-    Source, Use, Value, Work,
+    Accesses, Domain, DrawCall, Groups, MemberKind, ParamBinding, Pass, PassId, ResourceId, Run, ShaderId,
+    Shape, Source, Use, Value, Work,
 };
 use crate::plan::{Cause, Dependency, LayoutChange, Plan, Resource, Warning};
 use crate::solve;
@@ -91,6 +91,11 @@ fn parameter_of(plan: &Plan, param: &crate::ir::Param) -> DumpParameter {
         grows: param.grows.clone(),
         live: offset.is_some(),
         offset,
+        kind: offset.map(|_| param.domain.glsl().into()),
+        choices: match &param.domain {
+            Domain::Choice(of) => of.clone(),
+            _ => Vec::new(),
+        },
         affects: effect.passes.iter().map(|id| plan.pass(*id).name.clone()).collect(),
         shape: effect.shape,
         no_effect: effect.none,
@@ -262,15 +267,15 @@ fn push(plan: &Plan, pass: &Pass, shaders: &[ShaderId]) -> Vec<DumpPush> {
         let offset = 4 * i;
         let word = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
         let member = members.iter().find(|m| m.offset as usize == offset);
-        let value = match member.map(|m| m.kind) {
+        let (kind, value) = match member.map(|m| m.kind) {
             // JSON cannot represent infinities and NaN.
             Some(MemberKind::Float) if f32::from_bits(word).is_finite() => {
-                Value::Float(f32::from_bits(word).into())
+                ("float", Value::Float(f32::from_bits(word).into()))
             }
-            Some(MemberKind::Int) => Value::Int((word as i32).into()),
-            _ => Value::Int(word.into()),
+            Some(MemberKind::Int) => ("int", Value::Int((word as i32).into())),
+            _ => ("uint", Value::Int(word.into())),
         };
-        DumpPush { name: member.map(|m| m.name.clone()), offset, value }
+        DumpPush { name: member.map(|m| m.name.clone()), offset, value, kind: kind.into() }
     };
     pass.push.chunks_exact(4).enumerate().map(word).collect()
 }

@@ -74,6 +74,17 @@ pub enum Domain {
     Choice(Vec<String>),
 }
 
+impl Domain {
+    /// Returns the GLSL type of a live parameter with this domain. A bool is 0 or 1, a choice is the index of its name.
+    pub(crate) fn glsl(&self) -> &'static str {
+        match self {
+            Domain::Float { .. } => "float",
+            Domain::Int { .. } => "int",
+            Domain::Bool | Domain::Choice(_) => "uint",
+        }
+    }
+}
+
 impl fmt::Display for Domain {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {

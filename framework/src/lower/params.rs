@@ -504,13 +504,8 @@ pub(super) fn included(
 pub(super) fn live_glsl(params: &[Param]) -> String {
     let member = |param: &Param| {
         let ParamBinding::Live { offset } = param.binding else { return None };
-        let kind = match param.domain {
-            Domain::Float { .. } => "float",
-            Domain::Int { .. } => "int",
-            // A bool is 0 or 1, a choice is the index of its name.
-            Domain::Bool | Domain::Choice(_) => "uint",
-        };
-        Some((offset, format!("    layout(offset = {offset}) {kind} {};\n", param.name)))
+        let (kind, name) = (param.domain.glsl(), &param.name);
+        Some((offset, format!("    layout(offset = {offset}) {kind} {name};\n")))
     };
     // GLSL requires ascending offsets.
     let members: BTreeMap<u32, String> = params.iter().filter_map(member).collect();

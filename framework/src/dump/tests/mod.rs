@@ -40,7 +40,7 @@ fn a_parameter_has_the_passes_that_depend_on_it_or_the_reason_why_none_does() {
         text(&dump).lines().filter(|l| l.contains("effect")).map(str::to_string).collect();
     assert_eq!(said, ["parameter cutoff has no effect: nothing in this plan depends on it"]);
     let mut old = json(&dump);
-    for name in ["affects", "shape", "no_effect"] {
+    for name in ["affects", "shape", "no_effect", "type", "choices"] {
         let parameters = old["parameters"].as_array_mut().expect("a list");
         parameters.iter_mut().for_each(|p| drop(p.as_object_mut().expect("an object").remove(name)));
     }
