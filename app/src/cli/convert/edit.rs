@@ -98,6 +98,12 @@ fn tag(text: &str) -> Result<Tag, String> {
 
 fn transform(text: &str) -> Result<Similarity, String> {
     let kinds = [("scale", 1, "scale:0.5"), ("rotate", 4, "rotate:1,0,0,90"), ("move", 3, "move:0,-1.5,0")];
+    if let Some(factors) = text.strip_prefix("scale:").filter(|factors| factors.contains(',')) {
+        let found = factors.split(',').count();
+        return Err(format!(
+            "expected one factor for all axes, found {found}: scenes cannot be stretched or mirrored"
+        ));
+    }
     let (kind, values) = numbers(text, &kinds)?;
     match (kind, values.as_slice()) {
         ("rotate", &[x, y, z, degrees]) => {
@@ -475,6 +481,7 @@ mod tests {
         );
         assert!(said(&["--crop", "sphere:1,2,3,0"]).contains("expected a radius above 0"));
         assert!(said(&["--transform", "rotate:0,0,0,90"]).contains("expected an axis other than 0,0,0"));
+        assert!(said(&["--transform", "scale:1,1,-1"]).contains("expected one factor for all axes, found 3"));
         assert!(said(&["--transform", "scale:-1"]).contains("expected a factor of 1e-9 to 1e9"));
     }
 }
