@@ -164,6 +164,11 @@ fn the_advised_command_draws_the_promised_psnr() {
         assert!((found - promised).abs() < 1e-6, "{name}: {found}, promised {promised}");
     }
 
+    // The advised command has the user's own settings.
+    let text = place.done("advise scene.ply --set sh_degree=0 --psnr 20 --size 64x48 --rounds 1 --frames 1");
+    let command = text.lines().find(|line| line.starts_with("splatgraph ")).expect("a command");
+    assert!(command.contains("sh_degree=0"), "{command}");
+
     // Other projections are compared with exact pictures of the same projection.
     place.done("advise scene.ply -p fisheye --psnr 45 --size 64x48 --rounds 1 --frames 1");
     place.refuses("", &[("advise scene.ply --psnr 0", 2, "expected a number above 0")]);
