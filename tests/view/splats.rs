@@ -167,7 +167,7 @@ fn a_box_selects_splats_which_are_hidden_and_written_and_come_back() {
     viewer.frame();
     assert!(marks(&viewer).is_empty());
     // The file is named after the scene on the screen, and has the up direction that was chosen for it.
-    viewer.shell.viewer.show_upright([0.0, 1.0, 0.0]);
+    viewer.shell.viewer.show_upright(Some([0.0, 1.0, 0.0]));
     click(&mut viewer, "splats:save_rest");
     let (upright, _) = exported(&mut viewer);
     assert_eq!(upright, viewer.place.at("scene-part-1-part-1.ply"));

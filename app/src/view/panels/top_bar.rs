@@ -243,8 +243,11 @@ impl Panels {
                         viewer.show_upright(Some(up));
                     }
                 }
-                let opened = ui.button("as opened").named("up:opened");
-                if opened.hint("That of the cameras or of the file. Saved files keep the file's").clicked() {
+                let reset = ui.button("Reset").named("up:reset");
+                if reset
+                    .hint("The direction of the cameras, or else of the file. Files keep theirs")
+                    .clicked()
+                {
                     viewer.show_upright(None);
                 }
             });

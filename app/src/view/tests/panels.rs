@@ -74,7 +74,7 @@ fn the_view_menu_turns_the_scene_upright() {
     let [_, down, forward] = viewer.picture_camera().axes();
     assert!(down[2] < -0.9 && forward[2] < -0.1, "upright, from above: {down:?} {forward:?}");
     let opened = mean_up(&synth::demo_cameras()).expect("an up direction");
-    click(&mut script, "up:opened");
+    click(&mut script, "up:reset");
     assert!(script.viewer().navigation.up().abs_diff_eq(opened, 1e-12));
     script.close(&[]);
 }
