@@ -171,7 +171,7 @@ impl Header {
         Ok(sections)
     }
 
-    /// Converts a row; also returns the length of its quaternion.
+    /// Converts a row; also returns the length of the file's quaternion.
     fn splat(&self, section: &Section, index: usize, row: &[u8]) -> (Splat, f64) {
         let size = VALUE[self.level];
         let value = |index: usize| match size {

@@ -71,7 +71,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     input::finish(filled, count, size_breakdown, FileNotes::default())
 }
 
-/// Converts a row; also returns the length of its quaternion.
+/// Converts a row; also returns the length of the file's quaternion.
 fn splat(row: &[u8]) -> (Splat, f64) {
     let (rotation, norm) = activation::unit(quaternion(row));
     let part = |at: usize| f64::from(row[24 + at]) / 255.0;

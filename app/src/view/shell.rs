@@ -89,7 +89,7 @@ pub struct Shell {
     /// Content of the window's newest frame, without the user interface. `None` before the first, on new devices, and
     /// if the window did not show the frame.
     shown: Option<Content>,
-    /// Time at which to draw the window again, because it did not show its newest frame; `None` if it did.
+    /// Time to draw the window again, after a frame that was drawn but not presented; otherwise `None`.
     again: Option<Instant>,
     /// True if a frame of the window is due, but its device could not accept it yet, or failed.
     owed: bool,

@@ -20,7 +20,8 @@ pub enum CameraError {
         /// The system's error.
         source: std::io::Error,
     },
-    /// The cameras of a file are malformed.
+    /// The contents of a camera file, or of its `dataparser_transforms.json`, are malformed or not supported, such as a
+    /// lens with distortion.
     #[error("{}{place}: {message}", path.display())]
     Invalid {
         /// Path of the file.

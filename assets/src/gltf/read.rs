@@ -104,7 +104,7 @@ fn unread(container: &Container, name: &str, index: usize) -> Option<FieldSize> 
     Some(FieldSize { used: false, ..column.size(name) })
 }
 
-/// Converts the row of each column to a splat; also returns the length of its quaternion. The scales are logarithms
+/// Converts the row of each column to a splat; also returns the length of the file's quaternion. The scales are logarithms
 /// if `logarithmic`, otherwise standard deviations.
 fn splat(columns: &[Column], rows: [&[u8]; MAX_COLUMNS], logarithmic: bool) -> (Splat, f64) {
     let of = |column: usize, number: usize| columns[column].component.number(rows[column], number);

@@ -196,7 +196,7 @@ impl Layout {
         std::array::from_fn(|axis| matches!(self.slots[axis].scalar, Scalar::F64 | Scalar::I32 | Scalar::U32))
     }
 
-    /// Converts the file's values to a splat; also returns the length of its quaternion.
+    /// Converts the file's values to a splat; also returns the length of the file's quaternion, before normalisation.
     /// `value` returns the value of a slot.
     #[inline]
     pub(crate) fn splat(&self, value: impl Fn(usize) -> f32) -> (Splat, f64) {

@@ -159,7 +159,7 @@ impl Packed {
         Ok(bounds)
     }
 
-    /// Unpacks a splat; also returns the length of its quaternion.
+    /// Unpacks a splat; also returns the length of the file's quaternion.
     fn splat(&self, row: &[u8], rest: &[u8], bounds: &Bounds) -> (Splat, f64) {
         let [position, rotation, scale, color] = self.vertex.map(|offset| word(row, offset));
         let lerp = |from: usize, axis: usize, t: f64| {

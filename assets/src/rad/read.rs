@@ -66,7 +66,7 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     input::finish((columns, gathered), count as u64, breakdown(&all, count as u64), notes)
 }
 
-/// Converts a row; also returns the length of its quaternion. The palette of harmonics is in the `first` chunk. A label
+/// Converts a row; also returns the length of the file's quaternion. The palette of harmonics is in the `first` chunk. A label
 /// beyond it gives NaN.
 fn splat(chunk: &Arrays, first: &Arrays, row: usize) -> (Splat, f64) {
     let column = |name: Name| chunk.get(name).expect("each chunk was checked to have it");

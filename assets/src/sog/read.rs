@@ -172,7 +172,7 @@ pub(super) fn parse(
     Ok(input::finish(filled, count, size_breakdown, notes)?.with_offset(origin))
 }
 
-/// Converts a splat without its position; also returns the length of its quaternion.
+/// Converts a splat without its position; also returns the length of the file's quaternion.
 fn splat(
     [_, _, scale, quat, color, label]: [&[u8]; 6],
     meta: &Meta,

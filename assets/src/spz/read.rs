@@ -14,7 +14,7 @@ use half::f16;
 use std::f64::consts::FRAC_1_SQRT_2;
 
 impl Header {
-    /// Converts a splat; also returns the length of its quaternion.
+    /// Converts a splat; also returns the length of the file's quaternion.
     fn splat(&self, rows: [&[u8]; 6], frame: &Frame) -> (Splat, f64) {
         let [position, alpha, color, scale, rotation, sh] = rows;
         let (rotation, norm) = activation::unit(match rotation {

@@ -239,13 +239,14 @@ pub(super) fn floor(count: u32, seed: u64) -> Made {
     })
 }
 
-/// View direction of [`crossing_camera`], across the plates of [`crossing`].
+/// View direction of [`crossing_camera`]: the normal of the plates of [`crossing`].
 const CROSSING: [f64; 3] = [0.0, 0.939_692_620_785_908_4, 0.342_020_143_325_668_7];
 
-/// Generates groups of six plates, close behind one another, and twelve points far in front of or behind them.
+/// Generates groups of 18 splats: six parallel plates, 2e-4 units apart, and twelve points, a unit in front of the
+/// plates or behind them.
 ///
-/// The plates' centres are far apart on their planes, so the plates change order only if a camera looks across the
-/// planes.
+/// The plates' normal is [`CROSSING`]. Only a camera that looks along it needs precise depths to sort the plates: in
+/// most other views, their depths differ by much more, because their centres are about a unit apart in their planes.
 pub(super) fn crossing(count: u32, seed: u64) -> Made {
     let along = [0.0, -CROSSING[2], CROSSING[1]];
     Scene::try_generate(count, 0, |i| {

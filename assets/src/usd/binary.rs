@@ -103,7 +103,7 @@ struct Sections<'a, 'b> {
     specs: Vec<(u32, u32)>,
 }
 
-/// A path: its parent, and the token of its last name.
+/// A path: the index of its parent (`None` for the root), and the index in `tokens` of its last element.
 #[derive(Clone, Default)]
 struct Path {
     parent: Option<u32>,

@@ -22,10 +22,13 @@ use std::fmt::Arguments;
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
-/// Sizes of the allocator's first and largest blocks in memory that the host cannot access. Each block is twice as large
-/// as the one before: drivers clear or map a block when it is allocated, which takes longer than drawing a small picture.
+/// Sizes of the allocator's first and largest blocks in memory that is not host-visible, in bytes.
+///
+/// Each block is twice as large as the one before. Drivers clear or map a block when it is allocated, and large blocks
+/// take longer than drawing a small picture.
 pub(crate) const DEVICE_BLOCKS: (u64, u64) = (64 << 20, 256 << 20);
-/// Sizes of the first and largest blocks in memory that the host can access. All are smaller than those of the device.
+/// Sizes of the first and largest blocks in host-visible memory, in bytes. They must be below `DEVICE_BLOCKS.0`:
+/// `available` tells the two kinds apart by their size.
 const HOST_BLOCKS: (u64, u64) = (4 << 20, 32 << 20);
 
 /// An open Vulkan device; see [`crate::Vulkan`].

@@ -480,8 +480,10 @@ pub fn parse_value(text: &str, domain: &Domain) -> Result<Value, String> {
     within(parsed.ok_or_else(|| format!("is not {domain}"))?, domain)
 }
 
-/// Evaluates a parameter of an included graph, and finds the parameters of the root graph that it depends on.
-/// `given_here` is the includer's setting, with its scope and its place.
+/// Evaluates a parameter of an included graph. Also returns the parameters of the root graph that its value depends on.
+///
+/// `setting` is the value in the included file's presets. `given_here`, the value in the includer's `set` with its scope
+/// and place, overrides it.
 pub(super) fn included(
     declared: &Declared,
     setting: Option<&Setting>,

@@ -202,18 +202,21 @@ impl SourceMap {
 
     /// Finds the file called `name`, and reads it unless it was read before.
     ///
-    /// `from` is the file that refers to `name`, or `None` for the command line. The search returns the first file that
-    /// exists:
+    /// `from` is the file that refers to `name`, or `None` for the command line. The folder of a kind is `pipelines` or
+    /// `shaders`. The first existing file is returned, of:
     ///
-    /// 1. in memory: beside `from`, at exactly `name`, or in the folder of its kind;
-    /// 2. on disk, if `from` is on disk: beside `from`, then in the folder of its kind (`pipelines` or `shaders`). That
-    ///    folder is searched next to the innermost `pipelines` or `shaders` folder around `from`, then next to the
-    ///    folder that contains `from`. If `from` is `None`: at `name`, then in the folder of its kind;
-    /// 3. built in, with the same paths as in memory.
+    /// 1. In memory: beside `from`, at `name`, and in the folder of `kind`.
+    /// 2. On disk, if `from` is on disk: beside `from`. Then in two folders of `kind`: next to the innermost `pipelines`
+    ///    or `shaders` folder around `from`, and next to the folder that contains `from`.
+    /// 3. On disk, if `from` is `None`: at `name`, and in the folder of `kind`.
+    /// 4. Built in: at the paths of 1.
     ///
-    /// The extension `.ron` of a graph may be omitted: a name without a dot is first searched everywhere with it. The
-    /// search fails at a file that exists but cannot be read, is too large, is not UTF-8, or is outside both the
-    /// graph's folders and [`Library::include_roots`].
+    /// The extension `.ron` of a graph may be omitted: a name without a dot is first searched everywhere with it.
+    ///
+    /// # Errors
+    /// There is no such file, or the search reaches one that is not a regular file (folders are skipped), cannot be
+    /// read, is too large, or is not UTF-8. With a `from`, also a file outside both the graph's folders and
+    /// [`Library::include_roots`].
     pub fn find(&mut self, from: Option<FileId>, name: &str, kind: Kind) -> Result<FileId, NotFound> {
         if let Some(file) = self.found.get(&(from, kind)).and_then(|found| found.get(name)) {
             return Ok(*file);

@@ -354,8 +354,10 @@ impl Checked<'_> {
         }
     }
 
-    /// Verifies a plan for subgroups of `lanes`, unless an equal plan was verified. Returns its summary, or the
-    /// violations. Passes new warnings to `warn`.
+    /// Verifies the barriers of a plan, unless an equal plan was verified. Returns the summary, or the violations.
+    ///
+    /// `lanes` is the subgroup size of the plan's device, or the name of a device that the user named. New warnings go
+    /// to `warn`.
     fn verified(
         &mut self,
         planner: &Planner,

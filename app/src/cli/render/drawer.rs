@@ -141,7 +141,8 @@ impl Drawer {
             })?;
             Ok(device)
         };
-        // The plan of the first view is built while the device is created. If it has errors, building it again reports them.
+        // The plan of the first view is built while the device is created. If it has errors, building it again reports
+        // them.
         let names = requested.clone();
         let load_and_plan = move |cancel: &_| {
             let loaded = load(cancel)?;

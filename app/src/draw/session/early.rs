@@ -1,6 +1,7 @@
 //! Builds a plan before its device is opened.
 //!
-//! A driver takes longer to create a device than a plan takes to build, and the plan needs only the device's description.
+//! A driver takes longer to create a device than a plan takes to build, and the plan needs only the device's
+//! description.
 
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::{GraphErrors, Planner};

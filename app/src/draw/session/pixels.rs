@@ -46,7 +46,8 @@ pub fn image_of(pixels: &Pixels) -> Result<Image, PixelsError> {
     let mut rgb = vec![[0.0; 3]; width * height];
     let convert = |(rgb, bytes): (&mut [_], &[_])| convert_row(format, bytes, rgb);
     let (row_pixels, row_bytes) = (width.max(1), row.max(1));
-    // A thread of the pool that waited for parts would begin to convert and encode other pictures before it finished this one.
+    // A thread of the pool that waited for parts would begin to convert and encode other pictures before it finished
+    // this one.
     if rayon::current_thread_index().is_some() {
         rgb.chunks_mut(row_pixels).zip(pixels.bytes.chunks(row_bytes)).for_each(convert);
     } else {

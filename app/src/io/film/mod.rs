@@ -51,10 +51,10 @@ impl Format {
         }
     }
 
-    /// Checks that the format can represent a frame rate, so that players keep it.
+    /// Checks that players show the format at a frame rate.
     ///
     /// # Errors
-    /// A GIF has more than 50 frames per second.
+    /// The format is GIF and the rate is above 50 frames per second: players slow shorter frames down.
     pub fn check_rate(self, rate: Rate) -> Result<(), String> {
         // The delays of a GIF are hundredths of a second, and browsers replace delays below 0.02 s by 0.1 s.
         if self == Format::Gif && rate.per_second() > 50.0 {

@@ -1,18 +1,18 @@
-//! Distinguishes a difference in time from noise.
+//! Compares frame times, and tells differences from noise.
 //!
-//! In each turn, a frame of the exact settings is drawn, then a frame of the setting. The share of the turn is the
-//! second time divided by the first. The share of a setting is the median of its turns. Its range is the 99 %
-//! confidence interval of the median, computed from the order of the turns alone (the binomial interval of a median;
-//! David and Nagaraja, "Order Statistics", 3rd edition, 7.1): no distribution is assumed. Turns end once the range is
-//! narrow, so the actual confidence is a little lower. (Shares of medians of several frames would need more frames for
-//! an equally narrow range.)
+//! A turn is a frame of the baseline, then a frame of the setting. The baseline has the exact settings; in a sweep, it
+//! draws all splats. The share of a turn is the setting's time divided by the baseline's. The share of a setting is the
+//! median over its turns, and its range is the 99 % confidence interval of this median. The interval is computed from
+//! ranks (the binomial interval of a median; David and Nagaraja, "Order Statistics", 3rd edition, 7.1), so no
+//! distribution is assumed. Turns end once the range is narrow ([`enough`]), which lowers the confidence a little. A
+//! turn has one frame of each, because shares of medians would need more frames for an equally narrow range.
 //!
-//! The share over several views is the mean of the views' shares. The views are measured one after the other, so their
-//! errors are independent, and half of the mean's range is the root of the sum of the views' squared halves, divided by
-//! the number of views. For a narrow mean, each view's range may therefore be wider by the root of that number.
+//! Over several views, the share is the mean of the views' shares. The views are measured one after the other, so their
+//! errors are independent and add in quadrature: each side of the mean's range is the root of the sum of the views'
+//! squared sides, divided by the number of views n. Each view's range may therefore be √n times as wide as the mean's.
 //!
-//! Measured against themselves, the exact settings would have a share of 1 without noise. The distance of their share
-//! from 1 is the **noise floor**. Every range is widened to at least `median * (1 ± floor)`.
+//! `advise` and `trade` also measure the exact settings against themselves. Without noise, their share would be 1. Its
+//! distance from 1 is the **noise floor**, and their ranges are widened to at least `median * (1 ± floor)`.
 
 use crate::draw::stats::median;
 use serde::{Deserialize, Serialize};

@@ -347,8 +347,10 @@ impl Panels {
         }
     }
 
-    /// Records the interval since the last frame, and forgets all intervals at rest. `drawn` is the number of A's
-    /// frames so far; `rests` is true if none is in flight.
+    /// Records the interval between two consecutive frames of A. `drawn` is the number of A's frames so far.
+    ///
+    /// Clears the intervals once no frame is in flight (`rests`) and none was drawn for [`REST`]. Until then, requests
+    /// a repaint for that time.
     fn time(&mut self, ctx: &Context, drawn: u64, rests: bool) {
         let now = Instant::now();
         // Count only frames with a new picture of the scene.
