@@ -1,5 +1,5 @@
-//! Lists the files that are built into the binary (every graph under `pipelines/` and every shader under `shaders/`), and
-//! names the commit that it is built from.
+//! Lists the files that are built into the binary (every graph under `pipelines/` and every shader under `shaders/`),
+//! and names the commit that it is built from.
 
 // A build script passes instructions to cargo on standard output, and creates files.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
@@ -39,8 +39,8 @@ fn main() {
 /// Returns the commit of a checkout, with `-dirty` if files differ from it; `None` without a checkout or without git.
 ///
 /// Cargo runs this script again if a source of the program differs, which compiles the program anyway. A release build
-/// with `-dirty` is also built again after the next commit, so that it does not keep the earlier commit. Other builds do
-/// not watch `.git`, which would compile the program after every commit.
+/// with `-dirty` is also built again after the next commit, so that it does not keep the earlier commit. Other builds
+/// do not watch `.git`, which would compile the program after every commit.
 fn commit(root: &Path) -> Option<String> {
     // In another folder, git would find a repository around it, such as a distribution's.
     if !root.join(".git").exists() {

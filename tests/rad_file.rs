@@ -1,5 +1,5 @@
-//! Writes Spark's `.rad` files for tests, in all encodings, with chunks inside the file or beside it. Callers choose the
-//! arrays, which may include a palette of harmonics or a tree.
+//! Writes Spark's `.rad` files for tests, in all encodings, with chunks inside the file or beside it. Callers choose
+//! the arrays, which may include a palette of harmonics or a tree.
 
 use flate2::Compression;
 use flate2::write::DeflateEncoder;

@@ -183,10 +183,10 @@ fn boundary_sizes(block: u32, lanes: u32, serial: bool, most: u32) -> Vec<u32> {
 
 /// Tests every combination of two of sorter, digit width and key width; in a long run, of all three.
 ///
-/// For each digit width, each sorter has another key width, with every boundary size up to 2^16. The fourth key width has
-/// one of the sorters, with every third size up to 2^15. Sizes up to 2^16 take most of the time. The kind of keys is
-/// pseudo-random. With an unusual vector width, all sorters have one key width for each digit width, and only digits of
-/// 4 and 8 bits have sizes up to 2^16.
+/// For each digit width, each sorter has another key width, with every boundary size up to 2^16. The fourth key width
+/// has one of the sorters, with every third size up to 2^15. Sizes up to 2^16 take most of the time. The kind of keys
+/// is pseudo-random. With an unusual vector width, all sorters have one key width for each digit width, and only digits
+/// of 4 and 8 bits have sizes up to 2^16.
 fn boundaries() {
     let mut bench = Bench::new();
     let lanes = bench.lanes();
@@ -235,8 +235,8 @@ fn the_shipped_sorts_equal_a_stable_sort_with_subgroups_of_16_lanes() {
     common::again_with_vectors_of(512, "sort::the_shipped_sorts_equal_a_stable_sort");
 }
 
-/// Sorts up to 2^19 pairs. Every combination of two of sorter, digit width, key width, size and kind of keys occurs; in a
-/// long run, every combination of the first four.
+/// Sorts up to 2^19 pairs. Every combination of two of sorter, digit width, key width, size and kind of keys occurs; in
+/// a long run, every combination of the first four.
 #[test]
 fn larger_sorts_are_right_too() {
     let mut bench = Bench::new();
@@ -283,8 +283,8 @@ fn the_serial_sort_refuses_blocks_that_are_too_many_to_loop_over_and_is_right_wi
     smallest.check(Run { count, seed: 5, kind: Kind::Random });
 }
 
-/// Takes the blocks from last to first (`starve`), or, on lavapipe, from two places (by index), so that predecessors have
-/// not counted yet.
+/// Takes the blocks from last to first (`starve`), or, on lavapipe, from two places (by index), so that predecessors
+/// have not counted yet.
 #[test]
 fn a_sweep_whose_workgroups_wait_in_vain_counts_the_earlier_blocks_itself() {
     let mut bench = Bench::new();

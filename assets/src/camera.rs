@@ -196,8 +196,8 @@ impl Camera {
     /// position is relative to [`Scene::offset`].
     ///
     /// It looks along +z and 12 degrees down (+y), rotated so that `up` is up, from a distance at which the box
-    /// [`Scene::robust_bounds`] fits with a margin of 8 %, but at least 1 unit. `fov` is the horizontal field of view, in
-    /// degrees below 180; `None` for 60 degrees across the longer side, or less for a scene that would be small at a
+    /// [`Scene::robust_bounds`] fits with a margin of 8 %, but at least 1 unit. `fov` is the horizontal field of view,
+    /// in degrees below 180; `None` for 60 degrees across the longer side, or less for a scene that would be small at a
     /// distance of 1 unit.
     pub fn framing_upright(scene: &Scene, up: [f64; 3], fov: Option<f64>, size: (u32, u32)) -> Self {
         Self::framing_turns(scene, up, fov, size, 1)

@@ -136,8 +136,8 @@ impl Scene {
         Ok(moved.with_header_comments(self.header_comments().to_vec()))
     }
 
-    /// Joins scenes, one after the other, and their meshes. The result's offset is the first scene's, unless that is too
-    /// far from the splats.
+    /// Joins scenes, one after the other, and their meshes. The result's offset is the first scene's, unless that is
+    /// too far from the splats.
     ///
     /// Harmonics that a scene lacks are 0. Tags that differ are dropped, and so are comments. The light is the first
     /// mesh's. Counts of dropped splats are summed.

@@ -11,8 +11,8 @@ use splatgraph_reference::metrics;
 /// Measures the difference between two pictures [height, width, 3], display-encoded: floats with 0 for black and 1 for
 /// white, uint8 or uint16.
 ///
-/// Returns: A dict: psnr_db (dB, "inf" for an error of 0), ssim (1 for equal pictures, None below 11 x 11 pixels), worst
-/// (difference, x, y) and identical.
+/// Returns: A dict: psnr_db (dB, "inf" for an error of 0), ssim (1 for equal pictures, None below 11 x 11 pixels),
+/// worst (difference, x, y) and identical.
 ///
 /// Raises:
 ///     ValueError: the pictures differ in size, or a value is not finite.

@@ -22,8 +22,8 @@ pub struct LookAtArgs {
     /// Point to look at [default: the middle of the scene; for a panorama, that direction along the horizon]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
     target: Option<[f64; 3]>,
-    /// World direction that points up in the picture: an axis such as z or -y, a vector, or `cameras`, the mean of those
-    /// of --cameras, which are then not drawn [default: the scene's, or -y]
+    /// World direction that points up in the picture: an axis such as z or -y, a vector, or `cameras`, the mean of
+    /// those of --cameras, which are then not drawn [default: the scene's, or -y]
     #[arg(long, value_name = "AXIS|X,Y,Z|cameras", allow_hyphen_values = true, value_parser = up)]
     up: Option<Up>,
     /// Horizontal field of view, in degrees: up to 179, or 360 for a fisheye [default: 60 across the longer side]

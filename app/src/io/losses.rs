@@ -1,5 +1,5 @@
-//! Lists what a scene loses: splats and columns that loading leaves out, and values that a written file lacks or rounds.
-//! Advice follows where an option of `convert` helps.
+//! Lists what a scene loses: splats and columns that loading leaves out, and values that a written file lacks or
+//! rounds. Advice follows where an option of `convert` helps.
 
 use super::outliers::{self, Outliers};
 use glam::DQuat;

@@ -22,9 +22,9 @@ use std::path::{Path, PathBuf};
 
 /// Parses a camera file: an object is a `transforms.json` or a `camera_path.json`, a list a `cameras.json`.
 ///
-/// Sizes that the file lacks are those of the photographs, by default in the file's folder. `fallback` is the size if no
-/// photograph can be read. Also returns the motion that the poses of a `transforms.json` contain; `None` for the other
-/// formats, whose cameras are in the space of the scene.
+/// Sizes that the file lacks are those of the photographs, by default in the file's folder. `fallback` is the size if
+/// no photograph can be read. Also returns the motion that the poses of a `transforms.json` contain; `None` for the
+/// other formats, whose cameras are in the space of the scene.
 pub(super) fn parse(
     text: &str,
     path: &Path,

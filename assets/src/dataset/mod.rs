@@ -11,8 +11,8 @@
 //! A folder whose only such file is `transforms_val.json` is not recognised.
 //!
 //! Cameras are pinholes, or have another [`Projection`](crate::Projection) if the dataset names one. A lens with
-//! distortion is refused, unless [`CameraOptions`] ignores its distortion. Principal points are those of the dataset; the
-//! reference moves them to the images' centres.
+//! distortion is refused, unless [`CameraOptions`] ignores its distortion. Principal points are those of the dataset;
+//! the reference moves them to the images' centres.
 
 mod alignment;
 mod colmap;
@@ -98,8 +98,8 @@ impl Dataset {
         Ok(dataset)
     }
 
-    /// Parses the text of a `cameras.json`, a `transforms.json` or a `camera_path.json`. Errors name `path`; photographs
-    /// are in its folder. A `dataparser_transforms.json` there is not read.
+    /// Parses the text of a `cameras.json`, a `transforms.json` or a `camera_path.json`. Errors name `path`;
+    /// photographs are in its folder. A `dataparser_transforms.json` there is not read.
     ///
     /// # Errors
     /// The errors of [`Dataset::load`].
@@ -242,8 +242,8 @@ impl Dataset {
         views.into_iter().step_by(TEST_EVERY).collect()
     }
 
-    /// Lists the factors N, 2 or more, of the folders `images_N` of a COLMAP dataset, in ascending order. Downloads often
-    /// have them without `images`.
+    /// Lists the factors N, 2 or more, of the folders `images_N` of a COLMAP dataset, in ascending order. Downloads
+    /// often have them without `images`.
     pub fn reduced_factors(&self) -> Vec<u32> {
         let names = self.around().into_iter().filter_map(|around| around.read_dir().ok()).flatten().flatten();
         let factor = |name: &str| name.strip_prefix("images_")?.parse().ok().filter(|factor| *factor > 1);

@@ -9,8 +9,8 @@ use zune_jpeg::JpegDecoder;
 /// Extensions of photographs. They are tried for a photograph's name: first appended to it, then in place of its own.
 pub const EXTENSIONS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
 
-/// Extensions that are cut off a photograph's name, in lower case. Other endings belong to the name, such as the frame's
-/// number in `shot.1001`.
+/// Extensions that are cut off a photograph's name, in lower case. Other endings belong to the name, such as the
+/// frame's number in `shot.1001`.
 const PICTURES: [&str; 29] = [
     "png", "jpg", "jpeg", "exr", "tif", "tiff", "webp", "bmp", "tga", "gif", "hdr", "dpx", "heic", "avif",
     "jxl", "dng", "cr2", "arw", "nef", "npy", "ppm", "pgm", "pnm", "jp2", "heif", "cr3", "raf", "rw2", "orf",

@@ -104,8 +104,8 @@ fn unread(container: &Container, name: &str, index: usize) -> Option<FieldSize> 
     Some(FieldSize { used: false, ..column.size(name) })
 }
 
-/// Converts the row of each column to a splat; also returns the length of the file's quaternion. The scales are logarithms
-/// if `logarithmic`, otherwise standard deviations.
+/// Converts the row of each column to a splat; also returns the length of the file's quaternion. The scales are
+/// logarithms if `logarithmic`, otherwise standard deviations.
 fn splat(columns: &[Column], rows: [&[u8]; MAX_COLUMNS], logarithmic: bool) -> (Splat, f64) {
     let of = |column: usize, number: usize| columns[column].component.number(rows[column], number);
     let [x, y, z, w] = [0, 1, 2, 3].map(|number| f64::from(of(1, number)));

@@ -40,8 +40,8 @@ impl Mesh {
     ///
     /// # Errors
     /// The bytes are not glTF 2.0 or are damaged, require an extension other than `KHR_mesh_quantization`, use
-    /// `KHR_texture_transform` with it, have primitives other than triangles, or have no triangles; a buffer or an image
-    /// cannot be read; or a limit is exceeded. The text names the accessor, node or image.
+    /// `KHR_texture_transform` with it, have primitives other than triangles, or have no triangles; a buffer or an
+    /// image cannot be read; or a limit is exceeded. The text names the accessor, node or image.
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
         check_length(bytes)?;
         json::check(json_of(bytes), json::GLTF_OBJECT).map_err(|message| wrong("glTF", message))?;

@@ -35,8 +35,8 @@ const PREFIXES: [&str; 4] = ["", "scalar_", "scal_", "scalar_scal_"];
 /// Advice for scenes of moving splats.
 const MOVING: &str = "export its splats at one moment as 3D Gaussians";
 
-/// Properties or elements of splats that are not 3D Gaussians at rest, and the words of the error. A key that ends in `_`
-/// stands for all names that begin with it.
+/// Properties or elements of splats that are not 3D Gaussians at rest, and the words of the error. A key that ends in
+/// `_` stands for all names that begin with it.
 const REFUSED: [(&[&str], &str, &str); 6] = [
     (&["trbf_center", "motion_", "omega_"], "a scene of Spacetime Gaussians, which move", MOVING),
     (&["scale_t", "scale_t_", "t_scale", "rot_r_"], "a scene of 4D Gaussians (4DGS), which move", MOVING),

@@ -66,8 +66,8 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     input::finish((columns, gathered), count as u64, breakdown(&all, count as u64), notes)
 }
 
-/// Converts a row; also returns the length of the file's quaternion. The palette of harmonics is in the `first` chunk. A label
-/// beyond it gives NaN.
+/// Converts a row; also returns the length of the file's quaternion. The palette of harmonics is in the `first` chunk.
+/// A label beyond it gives NaN.
 fn splat(chunk: &Arrays, first: &Arrays, row: usize) -> (Splat, f64) {
     let column = |name: Name| chunk.get(name).expect("each chunk was checked to have it");
     let vector = |name: Name| [0, 1, 2].map(|component| column(name).value(row, component));

@@ -110,8 +110,8 @@ fn partition(of: &mut [u32], beyond: impl Fn(u32) -> bool + Sync) -> usize {
     middle
 }
 
-/// Chooses at most `count` entries for all points, of which there must be at least one. `numbers` lists them; sums run in
-/// its order.
+/// Chooses at most `count` entries for all points, of which there must be at least one. `numbers` lists them; sums run
+/// in its order.
 ///
 /// `tell` gets the number of entries found so far. An error from `tell` ends the search.
 pub(super) fn palette(

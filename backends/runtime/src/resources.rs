@@ -46,9 +46,9 @@ pub(crate) struct Resources<G: Gpu> {
 impl<G: Gpu> Resources<G> {
     /// Creates the resources of `plan` that no other plan provides and that an executed pass uses.
     ///
-    /// `taken` are results of other plans, and `once` are buffers that need not be created. `planes` are the planes on the
-    /// device; `identity` is the scene's part of their keys. Missing planes are created and added to `planes`; their
-    /// keys are returned, and the caller uploads their data.
+    /// `taken` are results of other plans, and `once` are buffers that need not be created. `planes` are the planes on
+    /// the device; `identity` is the scene's part of their keys. Missing planes are created and added to `planes`;
+    /// their keys are returned, and the caller uploads their data.
     pub fn create(
         gpu: &Arc<G>,
         plan: &Plan,

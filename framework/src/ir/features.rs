@@ -9,8 +9,8 @@ macro_rules! features {
         bitflags! {
             /// Optional features that a shader uses, or that a device was opened with.
             ///
-            /// Excludes features that every Vulkan 1.3 device has (except `SUBGROUP_BASIC`), and features that no backend
-            /// enables; a shader that needs one of the latter fails to compile.
+            /// Excludes features that every Vulkan 1.3 device has (except `SUBGROUP_BASIC`), and features that no
+            /// backend enables; a shader that needs one of the latter fails to compile.
             #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
             pub struct Features: u64 {
                 $($(#[doc = $doc])* const $name = $bit;)*

@@ -482,8 +482,8 @@ pub fn parse_value(text: &str, domain: &Domain) -> Result<Value, String> {
 
 /// Evaluates a parameter of an included graph. Also returns the parameters of the root graph that its value depends on.
 ///
-/// `setting` is the value in the included file's presets. `given_here`, the value in the includer's `set` with its scope
-/// and place, overrides it.
+/// `setting` is the value in the included file's presets. `given_here`, the value in the includer's `set` with its
+/// scope and place, overrides it.
 pub(super) fn included(
     declared: &Declared,
     setting: Option<&Setting>,

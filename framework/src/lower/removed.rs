@@ -123,8 +123,8 @@ impl Lowering<'_> {
         }
     }
 
-    /// Checks the body of a repeat that is removed or has no iterations; see [`Self::check_removed`]. `why` is the place
-    /// of its count.
+    /// Checks the body of a repeat that is removed or has no iterations; see [`Self::check_removed`]. `why` is the
+    /// place of its count.
     pub(super) fn check_removed_body(
         &mut self,
         level: &mut Level,

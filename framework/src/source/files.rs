@@ -206,8 +206,8 @@ impl SourceMap {
     /// `shaders`. The first existing file is returned, of:
     ///
     /// 1. In memory: beside `from`, at `name`, and in the folder of `kind`.
-    /// 2. On disk, if `from` is on disk: beside `from`. Then in two folders of `kind`: next to the innermost `pipelines`
-    ///    or `shaders` folder around `from`, and next to the folder that contains `from`.
+    /// 2. On disk, if `from` is on disk: beside `from`. Then in two folders of `kind`: next to the innermost
+    ///    `pipelines` or `shaders` folder around `from`, and next to the folder that contains `from`.
     /// 3. On disk, if `from` is `None`: at `name`, and in the folder of `kind`.
     /// 4. Built in: at the paths of 1.
     ///
@@ -474,7 +474,8 @@ impl SourceMap {
 
     /// Returns the unsaved text of a file, if it has one. The file may be missing from the disk.
     fn unsaved(&self, path: &Path) -> Option<String> {
-        // Without unsaved texts, the path is not resolved: that takes several system calls, and most paths do not exist.
+        // Without unsaved texts, the path is not resolved: that takes several system calls, and most paths do not
+        // exist.
         if self.library.unsaved.is_empty() {
             None
         } else {

@@ -37,8 +37,8 @@ const EXAMPLES: &str = "Examples:
 /// requirements are met. So are the graphs of a choice that are not drawn. If no such facts are found, this is an
 /// error, or a warning for one of several graphs of a choice. An oracle replays the barriers of each plan, and reports
 /// missing barriers and needless bits. A parameter of --set without an effect gives a warning. With --device, graphs
-/// are built for that device instead, and unmet requirements are errors. Graphs with outputs besides the picture are also
-/// built with all of them requested.
+/// are built for that device instead, and unmet requirements are errors. Graphs with outputs besides the picture are
+/// also built with all of them requested.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {

@@ -20,8 +20,8 @@ pub struct PriceArgs {
     /// pictures against those of IN, after --merge and --transform, with all its splats and bands
     #[arg(long, conflicts_with_all = ["output", "spz_version"])]
     price: bool,
-    /// Cameras of the pictures of --price [default: the first camera beside the scene, or one that frames the scene], or
-    /// of --write-cameras; --transform moves them with the scene
+    /// Cameras of the pictures of --price [default: the first camera beside the scene, or one that frames the scene],
+    /// or of --write-cameras; --transform moves them with the scene
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Size of the pictures of --price [default: the cameras']

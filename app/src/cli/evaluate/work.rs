@@ -1,4 +1,5 @@
-//! Reads the command line and the dataset of `splatgraph evaluate`: the cameras to draw, their photographs, and the files.
+//! Reads the command line and the dataset of `splatgraph evaluate`: the cameras to draw, their photographs, and the
+//! files.
 
 use crate::cli::cameras;
 use crate::cli::job::ShardArgs;

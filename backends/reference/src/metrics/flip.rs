@@ -5,9 +5,9 @@
 //! equations. Both pictures are filtered by the contrast sensitivity of the eye at the display's distance. Their
 //! colours are compared in a perceptually uniform space, and the difference is amplified where edges or points differ.
 //!
-//! [`Seen::of_floats`] filters a picture as it is. [`Seen::of_8_bits`] first rounds it to 8 bits, as a file or a display
-//! does; the result is then that of NVIDIA's program. Where pictures differ by less than a step, rounding hides the
-//! difference or amplifies it to a whole step.
+//! [`Seen::of_floats`] filters a picture as it is. [`Seen::of_8_bits`] first rounds it to 8 bits, as a file or a
+//! display does; the result is then that of NVIDIA's program. Where pictures differ by less than a step, rounding hides
+//! the difference or amplifies it to a whole step.
 
 use super::{BAND, ImageRef, LANES, weighted};
 use crate::srgb;

@@ -76,8 +76,8 @@ enum Message {
 }
 
 impl Watcher {
-    /// Starts a watcher without files. `wake` is called on the watcher's thread when there is a change to take. Fails if
-    /// the system cannot create a thread.
+    /// Starts a watcher without files. `wake` is called on the watcher's thread when there is a change to take. Fails
+    /// if the system cannot create a thread.
     pub fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Watcher> {
         Watcher::start(PATIENCE, wake)
     }
@@ -263,8 +263,8 @@ impl<Wake: Fn()> LookOut<Wake> {
         }
     }
 
-    /// Asks for the events of the wanted files' folders. The regular looks suffice for a folder that is missing, or that
-    /// the system cannot report on.
+    /// Asks for the events of the wanted files' folders. The regular looks suffice for a folder that is missing, or
+    /// that the system cannot report on.
     fn listen(&mut self) {
         let Some(events) = &mut self.events else { return };
         let folders = self.subjects.iter().filter_map(|subject| subject.path.parent());
@@ -286,8 +286,8 @@ impl<Wake: Fn()> LookOut<Wake> {
         self.stale = false;
     }
 
-    /// Returns true if an event at these paths may be one of a wanted file. The names are compared, because some systems
-    /// report other folders for a path through a link.
+    /// Returns true if an event at these paths may be one of a wanted file. The names are compared, because some
+    /// systems report other folders for a path through a link.
     fn concerns(&self, paths: &[PathBuf]) -> bool {
         let mut wanted = self.subjects.iter().filter_map(|subject| subject.path.file_name());
         let is_named = |name: &OsStr| {

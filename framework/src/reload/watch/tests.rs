@@ -1,5 +1,5 @@
-//! Tests with real files. Nothing is timed: a wait ends with the change, or fails after a minute. To check that no change
-//! is reported, a test saves another file afterwards; only that one may be reported.
+//! Tests with real files. Nothing is timed: a wait ends with the change, or fails after a minute. To check that no
+//! change is reported, a test saves another file afterwards; only that one may be reported.
 
 use std::fs;
 use std::sync::atomic::{AtomicBool, Ordering};
