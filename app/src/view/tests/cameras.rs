@@ -244,7 +244,8 @@ fn views_and_paths_come_back_from_their_files_and_show_the_same_picture() {
                     !script.viewer().busy() && !script.viewer().path.keys().is_empty()
                 });
                 let viewer = script.viewer();
-                assert_eq!(viewer.path.keys(), keys);
+                let numbered = (0..).zip(keys).map(|(id, key)| Camera { id, ..key });
+                assert_eq!(viewer.path.keys(), numbered.collect::<Vec<_>>());
                 let names: Vec<&str> =
                     viewer.views.list().iter().map(|view| view.img_name.as_str()).collect();
                 assert_eq!(names, ["front", "front 2", "front 3", "front 2 2"]);
