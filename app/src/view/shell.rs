@@ -110,7 +110,7 @@ struct Content {
 
 impl Shell {
     /// Creates a shell. `canvas` draws the window; it must be the device of the window, if there is one. `graph` is
-    /// [`paint::GRAPH`], or another graph (a built-in name or a path) with the imports of [`paint::offer`].
+    /// `paint::GRAPH`, or another graph (a built-in name or a path) with the imports of `paint::offer`.
     ///
     /// # Errors
     /// See [`Renderer::new`].

@@ -16,7 +16,7 @@ impl Messages {
         std::mem::take(&mut *lock(&self.0))
     }
 
-    /// Adds a message. Once [`MAX_MESSAGES`] are kept, adds a note in place of the first further one, and drops the
+    /// Adds a message. Once `MAX_MESSAGES` are kept, adds a note in place of the first further one, and drops the
     /// rest.
     pub fn add(&self, message: String) {
         let mut messages = lock(&self.0);

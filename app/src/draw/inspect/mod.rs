@@ -174,7 +174,7 @@ pub struct Finding {
     /// buffer whose stride is not a multiple of 4 bytes has `[words]`.
     pub shape: Vec<u64>,
     /// Summaries of an image's channels, or of the words of a buffer's elements, read as `declared`; at most
-    /// [`MAX_CHANNELS`].
+    /// `MAX_CHANNELS`.
     pub values: Vec<Values>,
     /// Order of the keys; `None` unless the resource has keys (see [`holds_keys`]) and the order is known.
     #[serde(skip_serializing_if = "Option::is_none")]

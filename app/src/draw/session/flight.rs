@@ -93,7 +93,7 @@ impl Session {
     /// The results are of the current plan if at most [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames are
     /// in flight.
     ///
-    /// Repeats an incomplete frame with more capacity; see the [module documentation](self). Wait for all frames before
+    /// Repeats an incomplete frame with more capacity; see the module documentation. Wait for all frames before
     /// you prepare another size.
     ///
     /// # Errors

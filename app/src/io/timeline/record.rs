@@ -145,7 +145,7 @@ pub fn finish() -> Option<Recording> {
     Some(Recording { end: begun.elapsed(), ..recording })
 }
 
-/// Records a frame, whose submission began at `begun`; does nothing without a recording. See [`Submission`] for
+/// Records a frame, whose submission began at `begun`; does nothing without a recording. See `Submission` for
 /// `camera` and `warm_up`.
 pub fn submitted(number: u64, begun: Instant, (camera, warm_up): (&str, bool)) {
     if ACTIVE.load(Ordering::Relaxed)

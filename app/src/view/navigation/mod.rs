@@ -289,7 +289,7 @@ impl Navigation {
     }
 
     /// Sets the height of the orthographic view, in world units, and ends a flight. The height is limited to
-    /// [`DISTANCES`] times the scene's size; NaN is ignored.
+    /// `DISTANCES` times the scene's size; NaN is ignored.
     pub fn set_height(&mut self, height: f64) {
         if !height.is_nan() {
             (self.flight, self.unmoved) = (None, None);

@@ -39,7 +39,7 @@ pub const LARGE_MOVING: Duration = Duration::from_secs(10);
 pub const GONE: Duration = Duration::from_secs(1);
 /// Maximum time that a change waits for other files to stop changing, so that files saved together are one change.
 pub const GATHER: Duration = Duration::from_millis(100);
-/// Interval between looks at all files without an event. It is longer where a look takes long: see [`SHARE`].
+/// Interval between looks at all files without an event. It is longer where a look takes long: see `SHARE`.
 pub const INTERVAL: Duration = Duration::from_millis(200);
 
 /// Files that changed since a build read them, or since they were last reported.
