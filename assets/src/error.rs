@@ -48,7 +48,7 @@ pub enum SceneError {
     Unsupported {
         /// The format's name, with its article.
         format: &'static str,
-        /// What to do, or what is supported instead: the clause that ends the message.
+        /// Clause that ends the message: advice, or the formats that are supported instead.
         advice: &'static str,
     },
 

@@ -59,7 +59,7 @@ impl Outline {
 /// A splat that is blended at a picked pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PickedSplat {
-    /// What it adds to the pixel. Its index counts the scene's splats, without those that were dropped on load.
+    /// Contribution to the pixel. Its index counts the scene's splats, without those that were dropped on load.
     pub fragment: Fragment,
     /// The splat as in the file: centre in world coordinates, opacity without a low-pass filter's compensation.
     pub gaussian: Gaussian,

@@ -146,7 +146,9 @@ impl Drawer {
         let names = requested.clone();
         let load_and_plan = move |cancel: &_| {
             let loaded = load(cancel)?;
-            let early = chosen.recv().ok().zip(loaded.cameras.first()).and_then(|(device, camera)| {
+            // With --inspect, resources do not share memory, so another plan is drawn.
+            let first = loaded.cameras.first().filter(|_| args.inspect.is_empty());
+            let early = first.zip(chosen.recv().ok()).and_then(|(camera, device)| {
                 let size = (camera.width, camera.height);
                 EarlyPlan::new((pipeline, set), names, &loaded.scene, &device, size).ok()
             });

@@ -24,7 +24,7 @@ use crate::draw::storage::{Choice, StorageError};
 use crate::io::output::say;
 use splatgraph_api::{BackendError, Device, FrameId, FrameResult, Inspect, Loader, Progress, SceneData};
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::{Catalog, Facts, Fallback, Source};
+use splatgraph_framework::ir::{Fallback, Source};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
@@ -320,12 +320,8 @@ impl Session {
         set: &[(String, String)],
         size: (u32, u32),
     ) -> Result<Vec<Control>, SessionError> {
-        let (facts, catalog) = self.facts(size);
+        let (facts, catalog) = early::facts_of(&self.scene, &self.device.info().facts, size);
         Ok(self.planner.controls(pipeline, set, &facts, &catalog)?)
-    }
-
-    fn facts(&self, size: (u32, u32)) -> (Facts, Catalog) {
-        early::facts_of(&self.scene, &self.device.info().facts, size)
     }
 
     /// Builds the plan for a picture size, without loading it. Growing parameters have their defaults.
@@ -347,9 +343,9 @@ impl Session {
         set: &[(String, String)],
         size: (u32, u32),
     ) -> Result<Plan, GraphErrors> {
-        let (facts, catalog) = self.facts(size);
+        let device = &self.device.info().facts;
         let capacities = std::mem::take(&mut self.planner.capacities);
-        let plan = self.planner.plan(pipeline, set, &facts, &catalog);
+        let plan = early::plan_on(&mut self.planner, (pipeline, set), &self.scene, device, size);
         self.planner.capacities = capacities;
         plan
     }
