@@ -237,16 +237,23 @@ fn never_written(
         let binds = pass.bind.iter().filter(|bind| bind.resources.contains(&resource));
         binds.map(move |bind| (pass, bind))
     });
+    let is_written = |half: &&ResourceId| {
+        let mut uses = passes.iter().flat_map(|linked| &linked.pass.uses);
+        uses.any(|touch| touch.resource == **half && touch.accesses.writes())
+    };
+    let mut halves = lowered.ping_pongs.iter().filter(|halves| halves.contains(&resource)).flatten();
     if let Some((pass, bind)) = bound.find(|(pass, _)| is_unused(pass)) {
         let text = format!("`{}` binds it, and its shader does not use it", pass.pass.name);
         diagnostic = diagnostic.with_label(bind.block_span, text);
+    } else if writers.is_empty()
+        && let Some(other) = halves.find(is_written)
+    {
+        diagnostic = diagnostic.with_help(format!(
+            "passes write only the other half, `{}`: write this half, too, or add or remove a `Swap`",
+            lowered.plan.resources[other.index()].name
+        ));
     }
-    for removed in lowered.unwritten.iter().filter(|removed| removed.resource == resource) {
-        diagnostic = diagnostic.with_label(
-            removed.when,
-            format!("`{}` uses it, but is left out because this is false", removed.pass),
-        );
-    }
+    let diagnostic = with_removed(diagnostic, resource, lowered);
     match lowered.offered.iter().find(|(image, _)| writers.is_empty() && *image == resource) {
         None => diagnostic,
         Some((_, output)) => diagnostic.with_help(format!(
@@ -254,6 +261,15 @@ fn never_written(
              `when: \"outputs.{output}\"`, or draw it with another graph"
         )),
     }
+}
+
+/// Adds the conditions of the removed passes that would use `resource`.
+fn with_removed(diagnostic: Diagnostic, resource: ResourceId, lowered: &Lowered) -> Diagnostic {
+    let removed = lowered.unwritten.iter().filter(|removed| removed.resource == resource);
+    removed.fold(diagnostic, |diagnostic, removed| {
+        let text = format!("`{}` uses it, but is left out because this is false", removed.pass);
+        diagnostic.with_label(removed.when, text)
+    })
 }
 
 /// Returns one flag per pass: true if the export or the host pass depends on it, directly or indirectly.
@@ -393,11 +409,14 @@ fn describe_cycle(
 ) -> Diagnostic {
     let name = |node: NodeIndex| format!("`{}`", passes[node.index()].pass.name);
     let all: Vec<String> = cycle.iter().map(|n| name(*n)).collect();
-    let reason = |i: usize| {
+    let edge = |i: usize| {
         let (from, to) = (cycle[(i + cycle.len() - 1) % cycle.len()], cycle[i]);
-        let resource = needs
-            .find_edge(from, to)
-            .map_or("?".to_string(), |edge| lowered.plan.resources[needs[edge].index()].name.clone());
+        (from, to, needs.find_edge(from, to).map(|edge| needs[edge]))
+    };
+    let resource_name = |id: ResourceId| &lowered.plan.resources[id.index()].name;
+    let reason = |i: usize| {
+        let (from, to, resource) = edge(i);
+        let resource = resource.map_or("?", |id| resource_name(id));
         format!("{} needs {} first, for `{resource}`", name(to), name(from))
     };
     let message = format!("these passes wait for each other: {}", all.join(", "));
@@ -405,7 +424,24 @@ fn describe_cycle(
     for i in 1..cycle.len() {
         diagnostic = diagnostic.with_label(passes[cycle[i].index()].span, reason(i));
     }
-    diagnostic.with_help(
-        "a resource with one writer is written before it is read; use a second resource to break the cycle",
-    )
+    // A half that is read before its only writer: the ping-pong buffer has no contents at the start.
+    let mut early = (0..cycle.len()).filter_map(|i| {
+        let (writer, reader, half) = edge(i);
+        let half = half.filter(|_| reader < writer)?;
+        let halves = lowered.ping_pongs.iter().find(|halves| halves.contains(&half))?;
+        let mut uses = passes[writer.index()].pass.uses.iter();
+        uses.any(|u| u.resource == half && u.accesses.writes()).then_some((reader, half, halves))
+    });
+    let Some((reader, half, halves)) = early.next() else {
+        return diagnostic.with_help(
+            "a resource with one writer is written before it is read; use a second resource to break the cycle",
+        );
+    };
+    let history = halves.iter().find_map(|half| lowered.plan.resources[half.index()].history.as_ref());
+    let last = history.map_or_else(String::new, |name| format!(", or read `last({name})` there"));
+    with_removed(diagnostic, half, lowered).with_help(format!(
+        "no pass writes `{}` before {} reads it: write this half in an earlier pass{last}",
+        resource_name(half),
+        name(reader)
+    ))
 }
