@@ -310,14 +310,18 @@ impl Linker<'_> {
                 let reader = members().find(|(_, own)| own.name == member.name && own.used);
                 let shader = reader.map_or(first, |(shader, _)| shader);
                 let Some(push) = pass.push.iter().find(|p| p.name == member.name) else {
-                    self.errors.push(
-                        Diagnostic::new(
-                            format!("the push constant `{}` of `{shader}` is not given", member.name),
-                            pass.span,
-                            "in this pass",
-                        )
-                        .with_help(format!("add `push: {{\"{}\": ...}}`", member.name)),
-                    );
+                    let message = format!("the push constant `{}` of `{shader}` is not given", member.name);
+                    let error = Diagnostic::new(message, pass.span, "in this pass");
+                    let entry = |name: &str| format!("\"{name}\": ...");
+                    let stray = pass.push.iter().map(|p| p.name.as_str()).filter(|p| !known.contains(p));
+                    self.errors.push(error.with_help(match nearest(&member.name, stray) {
+                        Some(near) => format!("`push` has `{near}`: is `{}` meant?", member.name),
+                        None if pass.push.is_empty() => {
+                            let all: Vec<String> = block.members.iter().map(|m| entry(&m.name)).collect();
+                            format!("add `push: {{{}}}`", all.join(", "))
+                        }
+                        None => format!("add `{}` to `push`", entry(&member.name)),
+                    }));
                     continue;
                 };
                 let word = match (member.kind, &push.value) {
