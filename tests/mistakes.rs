@@ -164,7 +164,13 @@ fn pictures_without_a_splat_are_not_compared() {
     place.write("away.json", format!("[{away}]").as_bytes());
     place.write("both.json", format!("[{ahead},{away}]").as_bytes());
     let blind = "1 of 1 cameras see no splat: most splats are in the box";
-    for command in ["convert", "advise --psnr 40", "sweep --steps 2", "trade --rounds 1 --frames 1"] {
+    for command in [
+        "convert",
+        "advise --psnr 40",
+        "sweep --steps 2",
+        "trade --rounds 1 --frames 1",
+        "experiment order -o order",
+    ] {
         let price = if command == "convert" { "--price" } else { "" };
         let errors = place.fails(&format!("{command} scene.ply {price} -c away.json"), 1);
         assert!(
@@ -172,6 +178,11 @@ fn pictures_without_a_splat_are_not_compared() {
             "{command}: {errors}"
         );
     }
+    place.write("path.json", format!("[{away},{}]", away.replace("-90", "-91")).as_bytes());
+    let errors = place.fails("popping scene.ply -c path.json -o pop", 1);
+    assert!(errors.contains("2 of 2 cameras see no splat: most splats are in the box"), "{errors}");
+    let errors = place.said("bench scene.ply -c away.json --rounds 1 --frames 1 -p unsorted").1;
+    assert!(errors.contains(blind) && !errors.contains("compared"), "{errors}");
     let (prices, errors) = place.said("convert scene.ply --price -c both.json --json");
     assert!(errors.contains("1 of 2 cameras see no splat") && errors.contains("left out"), "{errors}");
     assert!(prices.contains("\"ahead\"") && !prices.contains("\"away\""), "{prices}");

@@ -20,8 +20,22 @@ pub type WorldBounds = Bounds<f64>;
 impl fmt::Display for WorldBounds {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ([x, y, z], [far_x, far_y, far_z]) = (self.min, self.max);
-        write!(f, "({x:.3}, {y:.3}, {z:.3}) to ({far_x:.3}, {far_y:.3}, {far_z:.3})")
+        let d = self.decimals();
+        write!(f, "({x:.d$}, {y:.d$}, {z:.d$}) to ({far_x:.d$}, {far_y:.d$}, {far_z:.d$})")
     }
+}
+
+impl WorldBounds {
+    /// Returns the number of decimals that tells the box's corners apart.
+    pub(crate) fn decimals(&self) -> usize {
+        decimals((0..3).map(|axis| self.max[axis] - self.min[axis]).fold(0.0, f64::max))
+    }
+}
+
+/// Returns the number of decimals, 3 to 12, that show three digits of a length.
+pub(crate) fn decimals(length: f64) -> usize {
+    let digits = 2.0 - length.log10().floor();
+    if digits.is_finite() { digits.clamp(3.0, 12.0) as usize } else { 3 }
 }
 
 impl Bounds {
@@ -121,6 +135,13 @@ pub(crate) fn median<T: Copy + Default + Into<f64>>(values: &mut [T]) -> T {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn corners_of_a_box_have_three_digits_of_its_longest_side() {
+        let at = |side: f64| WorldBounds { min: [0.0; 3], max: [side, 0.5 * side, 0.0] }.to_string();
+        assert_eq!(at(2.5), "(0.000, 0.000, 0.000) to (2.500, 1.250, 0.000)");
+        assert_eq!(at(0.0002), "(0.000000, 0.000000, 0.000000) to (0.000200, 0.000100, 0.000000)");
+    }
 
     #[test]
     fn percentiles_ignore_the_outliers_that_the_full_box_holds() {

@@ -68,31 +68,41 @@ pub(crate) struct Entry {
 }
 
 impl Entry {
-    /// Returns the first non-zero number of the lens's distortion, with the name of its field; `None` if there is none.
-    pub(crate) fn distortion(&self) -> Option<(&'static str, f64)> {
-        const NAMES: [&str; 11] = [
-            "k1",
-            "k2",
-            "k3",
-            "k4",
-            "k5",
-            "k6",
-            "p1",
-            "p2",
-            "distortion",
-            "distortion_params",
-            "distortion_coefficients",
-        ];
-        fn nonzero(value: &Value) -> Option<f64> {
-            match value {
-                Value::Number(number) => number.as_f64().filter(|number| *number != 0.0),
-                Value::Array(list) => list.iter().find_map(nonzero),
-                Value::Object(fields) => fields.values().find_map(nonzero),
-                _ => None,
-            }
-        }
-        NAMES.into_iter().find_map(|name| Some((name, nonzero(self.others.get(name)?)?)))
+    /// Returns a field that is not one of a camera.
+    pub(crate) fn other(&self, name: &str) -> Option<&Value> {
+        self.others.get(name)
     }
+
+    pub(crate) fn projection(&self) -> Projection {
+        self.projection
+    }
+}
+
+/// Finds the first non-zero number of a lens's distortion, and the name of its field; `None` if there is none. `field`
+/// returns a field of a camera.
+pub(crate) fn distortion<'a>(field: impl Fn(&str) -> Option<&'a Value>) -> Option<(&'static str, f64)> {
+    const NAMES: [&str; 11] = [
+        "k1",
+        "k2",
+        "k3",
+        "k4",
+        "k5",
+        "k6",
+        "p1",
+        "p2",
+        "distortion",
+        "distortion_params",
+        "distortion_coefficients",
+    ];
+    fn nonzero(value: &Value) -> Option<f64> {
+        match value {
+            Value::Number(number) => number.as_f64().filter(|number| *number != 0.0),
+            Value::Array(list) => list.iter().find_map(nonzero),
+            Value::Object(fields) => fields.values().find_map(nonzero),
+            _ => None,
+        }
+    }
+    NAMES.into_iter().find_map(|name| Some((name, nonzero(field(name)?)?)))
 }
 
 impl TryFrom<Entry> for Camera {

@@ -3,7 +3,7 @@
 //! Flaws are, for example, floaters far from most splats, which waste the bits of a depth key, and splats as large as
 //! the scene. The report counts them, and the splats that were dropped on load; it does not change the scene.
 
-use crate::bounds::{self, WorldBounds, median, quantile};
+use crate::bounds::{self, WorldBounds, decimals, median, quantile};
 use crate::camera::Camera;
 use crate::formats::LargeSteps;
 use crate::scene::{ALPHA_FLOOR, CoarsePositions, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene};
@@ -262,10 +262,13 @@ impl fmt::Display for Report {
             f,
             "size",
             format!(
-                "median {:.4}, largest {:.3}; {} above half the robust extent of {:.3}",
+                "median {:.*}, largest {:.*}; {} above half the robust extent of {:.*}",
+                decimals(s.median.into()).max(4),
                 s.median,
+                decimals(s.largest.into()),
                 s.largest,
                 grouped(s.oversized),
+                decimals(s.robust_extent.into()),
                 s.robust_extent
             ),
         )?;
@@ -276,7 +279,8 @@ impl fmt::Display for Report {
         }
         line(f, "box", p.bounds.to_string())?;
         line(f, "box, 1 to 99 %", p.robust_bounds.to_string())?;
-        line(f, "centre", format!("({:.3}, {:.3}, {:.3})", p.center[0], p.center[1], p.center[2]))?;
+        let ([x, y, z], d) = (p.center, p.bounds.decimals());
+        line(f, "centre", format!("({x:.d$}, {y:.d$}, {z:.d$})"))?;
         line(f, "outliers", format!("{} beyond ten times that box", grouped(p.outliers)))?;
         if let Some(coarse) = &p.coarse {
             line(f, "positions", coarse.to_string())?;
@@ -286,7 +290,7 @@ impl fmt::Display for Report {
         }
         for depth in &self.depth {
             let text = match &depth.range {
-                None => "no splat in front of the camera".into(),
+                None => format!("no splat beyond the near plane, at {} units", NEAR as f32),
                 Some(r) => format!(
                     "{:.3} to {:.3} (1 to 99 %: {:.3} to {:.3}); lost to outliers: {:.1} bits of a linear key, {:.1} of a \
                      logarithmic one",
@@ -392,6 +396,6 @@ mod tests {
         });
         let report = Report::new(&scene, &[camera()]);
         assert_eq!((report.depth[0].in_front, report.depth[0].range), (0, None));
-        assert!(report.to_string().contains("no splat in front"));
+        assert!(report.to_string().contains("no splat beyond the near plane, at 0.2 units"));
     }
 }

@@ -10,11 +10,12 @@ use super::colmap::{IDEAL, UNDISTORT};
 use super::error::{CameraError, MAX_CAMERAS};
 use super::photograph;
 use super::view::{CameraOptions, Dataset, View};
-use crate::camera::{Camera, Entry};
+use crate::camera::{Camera, Entry, distortion};
 use crate::composition::BYTE_ORDER_MARK;
 use crate::projection::Projection;
 use serde::Deserialize;
 use serde::de::{DeserializeSeed, Error as _, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde_json::{Map, Value};
 use std::cell::Cell;
 use std::collections::HashSet;
 use std::marker::PhantomData;
@@ -40,8 +41,19 @@ pub(super) fn parse(
         return Err(CameraError::UnknownFormat { path: path.to_owned() });
     } else {
         let view = |entry: Entry| {
-            if let Some((name, value)) = entry.distortion().filter(|_| !options.ignore_distortion) {
+            if !options.ignore_distortion
+                && let Some((name, value)) = distortion(|name| entry.other(name))
+            {
                 return Err(distorted(name, value));
+            }
+            let model = entry.other("camera_model").and_then(Value::as_str).unwrap_or_default();
+            let found = entry.projection();
+            if let Some(expected) = projection_of(model)
+                && expected != found
+            {
+                return Err(format!(
+                    "`projection`: expected {expected}, that of the `camera_model` {model}, found {found}"
+                ));
             }
             let camera = Camera::try_from(entry)?;
             let (img_name, photograph) =
@@ -117,7 +129,7 @@ impl<'de, T: Deserialize<'de>, F: FnMut(T) -> Result<View, String>> Visitor<'de>
     }
 }
 
-/// The values of a `transforms.json`: the file's or a frame's. Unknown fields are ignored.
+/// The values of a `transforms.json`: the file's or a frame's.
 #[derive(Clone, Default, Deserialize)]
 #[serde(default)]
 struct Fields {
@@ -132,14 +144,6 @@ struct Fields {
     // instant-ngp writes sizes as floating-point numbers.
     w: Option<f64>,
     h: Option<f64>,
-    k1: Option<f64>,
-    k2: Option<f64>,
-    k3: Option<f64>,
-    k4: Option<f64>,
-    p1: Option<f64>,
-    p2: Option<f64>,
-    /// nerfstudio's k1, k2, k3, k4, p1 and p2.
-    distortion_params: Option<Vec<f64>>,
     camera_model: Option<String>,
     is_fisheye: Option<bool>,
     /// Image that marks the pixels to ignore.
@@ -156,6 +160,10 @@ struct Fields {
     render_width: Option<f64>,
     render_height: Option<f64>,
     fov: Option<f64>,
+    frames: Option<IgnoredAny>,
+    /// The other fields, among them the lens's distortion.
+    #[serde(flatten)]
+    others: Map<String, Value>,
 }
 
 impl Fields {
@@ -183,18 +191,6 @@ impl Fields {
             ..self
         }
     }
-
-    /// Returns the first non-zero distortion coefficient of the lens, with its name; `None` if there is none.
-    fn distortion(&self, of_file: &Self) -> Option<(&'static str, f64)> {
-        let all =
-            |f: &Self| [("k1", f.k1), ("k2", f.k2), ("k3", f.k3), ("k4", f.k4), ("p1", f.p1), ("p2", f.p2)];
-        let pairs = all(self).into_iter().zip(all(of_file));
-        let listed = self.distortion_params.as_ref().or(of_file.distortion_params.as_ref());
-        pairs
-            .map(|((name, own), (_, file))| (name, own.or(file).unwrap_or(0.0)))
-            .chain(listed.into_iter().flatten().map(|value| ("distortion_params", *value)))
-            .find(|(_, value)| *value != 0.0)
-    }
 }
 
 /// Returns a field's value from the frame if it has one, else from the file.
@@ -213,6 +209,18 @@ fn distorted(name: &str, value: f64) -> String {
     format!("`{name}`: expected 0, a lens without distortion, found {value}; {UNDISTORT}{IDEAL}")
 }
 
+/// Returns the projection of a camera model without its distortion; `None` if it is not supported.
+fn projection_of(model: &str) -> Option<Projection> {
+    match model {
+        "OPENCV_FISHEYE" => Some(Projection::Fisheye),
+        "EQUIRECTANGULAR" => Some(Projection::Equirectangular),
+        "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" | "FULL_OPENCV" => {
+            Some(Projection::Pinhole)
+        }
+        _ => None,
+    }
+}
+
 /// Converts a frame to a view. `size` returns the size of a photograph, for a view whose size the file lacks. Fails if
 /// a field is missing or wrong, or the lens is not supported.
 fn view(
@@ -227,24 +235,25 @@ fn view(
     };
     let model = frame.camera_model.as_deref().or(file.camera_model.as_deref()).unwrap_or("PINHOLE");
     let is_fisheye = either!(is_fisheye of frame, file).unwrap_or_default();
-    let projection = match model {
-        "OPENCV_FISHEYE" => Projection::Fisheye,
-        "EQUIRECTANGULAR" => Projection::Equirectangular,
-        "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" | "FULL_OPENCV" => {
-            if is_fisheye { Projection::Fisheye } else { Projection::Pinhole }
-        }
-        _ if file.is_path() => {
+    let projection = match projection_of(model) {
+        Some(Projection::Pinhole) if is_fisheye => Projection::Fisheye,
+        Some(projection) => projection,
+        None if file.is_path() => {
             return Err(format!(
                 "`camera_type`: expected perspective, fisheye or equirectangular, found {model}; draw the views of two eyes as two cameras"
             ));
         }
-        _ => {
+        None => {
             return Err(format!(
                 "`camera_model`: expected PINHOLE, OPENCV_FISHEYE, EQUIRECTANGULAR or another model without distortion, found {model}; {UNDISTORT}"
             ));
         }
     };
-    if let Some((name, value)) = frame.distortion(file).filter(|_| !ignore_distortion) {
+    if !ignore_distortion
+        && let Some((name, value)) = distortion(|name| {
+            frame.others.get(name).filter(|value| !value.is_null()).or(file.others.get(name))
+        })
+    {
         return Err(distorted(name, value));
     }
     let sides = [("w", either!(w of frame, file)), ("h", either!(h of frame, file))];

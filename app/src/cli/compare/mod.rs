@@ -296,7 +296,9 @@ fn measure(pair: &Pair, args: &Args, notes: &mut Notes) -> Result<(Found, Option
     }
     // Integers have no values outside of 0 to 1, so nothing is known of such differences.
     if !has_levels {
-        let values = || a.rgb.as_flattened().iter().zip(b.rgb.as_flattened());
+        // A grey value is in all three channels.
+        let step = if are_grey { 3 } else { 1 };
+        let values = || a.rgb.as_flattened().iter().zip(b.rgb.as_flattened()).step_by(step);
         let is_smaller = |(a, b): &(&f64, &f64)| {
             let [a_shown, b_shown] = [a, b].map(|value| value.clamp(0.0, 1.0));
             (a_shown - b_shown).abs() < (*a - *b).abs()
@@ -385,13 +387,36 @@ fn load(pair: &Pair, range: Option<(f64, f64)>, notes: &mut Notes) -> Result<Loa
     }
     // Each integer level becomes the nearest float of the other picture's precision.
     let has_levels = [a_depth, b_depth].iter().any(|depth| matches!(depth, Depth::Levels(_)));
+    let are_grey = headers.iter().all(|header| header.is_grey);
+    if are_grey && let Some(found) = outside_of_levels([&a, &b], [a_depth, b_depth]) {
+        let (floats, levels) = match a_depth {
+            Depth::Levels(_) => (b_name, a_name),
+            _ => (a_name, b_name),
+        };
+        bail!(
+            "{floats}: expected values of 0 to 1, which {levels} has by its levels, found {found}; give both as floats (.npy, .exr)"
+        );
+    }
     let (a, b) = match (a_depth, b_depth) {
         (Depth::Levels(greatest), Depth::Double) => (a.levels(greatest).clamped(), b.clamped()),
         (Depth::Double, Depth::Levels(greatest)) => (a.clamped(), b.levels(greatest).clamped()),
         _ if has_levels => (a.clamped(), b.clamped()),
         _ => (a, b),
     };
-    Ok(Loaded { a, b, are_grey: headers.iter().all(|header| header.is_grey), has_levels })
+    Ok(Loaded { a, b, are_grey, has_levels })
+}
+
+/// Returns the value farthest outside of 0 to 1, of the picture of floats beside one of levels; `None` if there is
+/// none. Clamped to levels, such a picture of depths would be white.
+fn outside_of_levels(pictures: [&Image<f64>; 2], depths: [Depth; 2]) -> Option<f64> {
+    let floats = match depths.map(|depth| matches!(depth, Depth::Levels(_))) {
+        [true, false] => pictures[1],
+        [false, true] => pictures[0],
+        _ => return None,
+    };
+    let beyond = |value: f64| (value - value.clamp(0.0, 1.0)).abs();
+    let values = floats.rgb.iter().map(|pixel| pixel[0]).filter(|value| beyond(*value) > 0.0);
+    values.max_by(|a, b| beyond(*a).total_cmp(&beyond(*b)))
 }
 
 /// Returns the range of a grey picture's finite values, extended to contain 0 and 1.

@@ -194,6 +194,38 @@ fn clamped_differences_and_undeclared_encodings_are_counted() {
 }
 
 #[test]
+fn a_grey_value_counts_once_and_one_beyond_the_levels_of_the_other_picture_is_refused() {
+    let root = tempfile::tempdir().unwrap();
+    let depths = |name: &str, values: [f32; 2]| {
+        let mut file = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
+        let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 2), }";
+        file.extend(format!("{header:117}\n").bytes());
+        file.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        let path = root.path().join(name);
+        std::fs::write(&path, file).unwrap();
+        path
+    };
+    let [a, b] = [("a.npy", [0.0, 9.0]), ("b.npy", [0.0, 8.0])].map(|(name, values)| depths(name, values));
+    let pair = Pair { name: "a".into(), a: a.clone(), b: b.clone() };
+    let line = ["compare", a.to_str().unwrap(), b.to_str().unwrap(), "--range", "0,8"];
+    let mut notes = Notes::default();
+    measure(&pair, &parsed(line).unwrap(), &mut notes).unwrap();
+    assert_eq!(notes.lessened, (1, 2));
+
+    let levels = root.path().join("levels.png");
+    let mut encoder = png::Encoder::new(std::fs::File::create(&levels).unwrap(), 2, 1);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.set_depth(png::BitDepth::Sixteen);
+    encoder.write_header().unwrap().write_image_data(&[0, 0, 255, 255]).unwrap();
+    for (one, other) in [(&a, &levels), (&levels, &a)] {
+        let error = told(one, other, &[]).unwrap_err().to_string();
+        assert!(error.starts_with(&format!("{}: expected values of 0 to 1, which ", a.display())), "{error}");
+        assert!(error.contains("levels.png has by its levels, found 9; "), "{error}");
+    }
+    assert!(told(&depths("c.npy", [0.0, 1.0]), &levels, &[]).unwrap().0.contains(": identical"));
+}
+
+#[test]
 fn a_path_that_does_not_exist_is_named() {
     let (_root, a, b) = folders(&[("x.npy", 0.5)], &[("x.npy", 0.5)]);
     let missing = b.join("missing");

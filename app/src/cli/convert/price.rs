@@ -24,6 +24,9 @@ pub struct PriceArgs {
     /// or of --write-cameras; --transform moves them with the scene
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
+    /// Use lenses with distortion as ideal ones [default: such lenses are refused]
+    #[arg(long, requires = "cameras")]
+    ignore_distortion: bool,
     /// Size of the pictures of --price [default: the cameras']
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
@@ -53,7 +56,10 @@ impl PriceArgs {
 
     /// Reads the cameras of `--cameras`; empty without it.
     pub(super) fn cameras(&self) -> Result<Vec<Camera>> {
-        Ok(self.cameras.as_deref().map_or_else(|| Ok(Vec::new()), |spec| cameras::parse(spec, false))?)
+        Ok(self
+            .cameras
+            .as_deref()
+            .map_or_else(|| Ok(Vec::new()), |spec| cameras::parse(spec, self.ignore_distortion))?)
     }
 
     pub(super) fn json(&self) -> Option<&Path> {
@@ -73,7 +79,8 @@ impl PriceArgs {
     ) -> Result<Outcome> {
         let formats = if formats.is_empty() { &SceneFormat::WRITTEN } else { formats };
         let original = truth.as_ref().unwrap_or(&scene);
-        let given = cameras::load_sized(self.cameras.as_deref(), Some(path), self.size, false)?;
+        let given =
+            cameras::load_sized(self.cameras.as_deref(), Some(path), self.size, self.ignore_distortion)?;
         let given = given.map(|cameras| edit.moved(cameras)).transpose()?;
         // Use world coordinates: a format may or may not keep the scene's origin.
         let framing = || loading::framing_at(original, self.size).in_world(original.offset());

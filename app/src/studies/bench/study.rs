@@ -31,6 +31,7 @@ pub fn study<E: From<StudyError>>(
     listener: &mut dyn Listener,
 ) -> Result<(), E> {
     subject.first()?;
+    subject.tell_empty_views(listener)?;
     let Subject { name, scene: base, cameras, .. } = subject;
     report.scenes.push(SceneOrigin { scene: name.clone(), splats: base.count(), cameras: cameras.clone() });
     let counts = if wanted.splats.is_empty() { vec![base.count()] } else { wanted.splats.clone() };

@@ -28,13 +28,14 @@ pub enum Kind {
 ///
 /// # Errors
 /// The graph has errors, the device fails, a picture cannot be compared or encoded, an exact picture does not fit in
-/// memory, or the listener cancels; for [`Kind::Order`], also if the subject has no camera.
+/// memory, no camera sees a splat, or the listener cancels; for [`Kind::Order`], also if the subject has no camera.
 pub fn study(
     subject: &Subject,
     kind: Kind,
     view: String,
     listener: &mut dyn Listener,
 ) -> Result<Page, StudyError> {
+    subject.check_views(listener)?;
     let mut session = subject.session(exact::GRAPH, &[])?;
     match kind {
         Kind::Order => order::page(&order::measure(&mut session, subject.first()?, view, listener)?),

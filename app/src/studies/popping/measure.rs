@@ -95,7 +95,7 @@ pub fn check(cameras: &[Camera]) -> Result<(), StudyError> {
 /// once.
 ///
 /// # Errors
-/// The path cannot be measured, an exact picture does not fit in memory, a graph has errors, its pictures cannot be
+/// The path cannot be measured or shows no splat, an exact picture does not fit in memory, a graph has errors, its pictures cannot be
 /// scored, the device fails, or the listener cancels.
 pub fn study(
     subject: &Subject,
@@ -104,6 +104,7 @@ pub fn study(
 ) -> Result<Vec<Track>, StudyError> {
     let Subject { scene, cameras, .. } = subject;
     check(cameras)?;
+    subject.check_views(listener)?;
     let mut session = subject.session("", &[])?;
     let mut steps = Steps::new(listener, "measuring popping", cameras.len() * (1 + variants.len()));
     let mut path = Vec::new();

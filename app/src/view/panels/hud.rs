@@ -206,7 +206,7 @@ pub fn show(ui: &Ui, viewer: &Viewer, interval: Option<f64>, view: Rect) {
     let mut lines = vec![layout(&text, strong.clone()), layout(&second, FontId::proportional(TEXT))];
     let invisible = |(name, count): &(String, u32)| name == "visible" && *count == 0;
     if viewer.scene().count() > 0 && viewport.stats.iter().any(invisible) {
-        lines.push(layout("no splat is in view: F shows the scene", strong));
+        lines.push(layout("no splat is in view beyond the near plane: F shows the scene", strong));
     }
     let recent = viewport.history.recent(FRAMES);
     let spark = if recent.len() > 1 { 20.0 } else { 0.0 };

@@ -41,10 +41,11 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     });
     let percent = |share: f64| format!("{} %", widgets::three_digits(100.0 * share));
     let three = |values: [f64; 3]| values.map(|v| format!("{v:.4}")).join("  ");
+    let length = widgets::length;
     fact(ui, "Share of the pixel", percent(fragment.weight()));
     fact(ui, "Alpha here", format!("{:.4}", fragment.alpha));
     fact(ui, "Transmittance before", format!("{:.4}", fragment.transmittance));
-    fact(ui, "Depth", format!("{:.4}", fragment.depth));
+    fact(ui, "Depth", length(fragment.depth));
     fact(ui, "Opacity", format!("{:.4}", splat.opacity));
     let soft = Palette::of(ui).soft;
     widgets::row(
@@ -58,12 +59,12 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         },
     );
     for (name, value) in ["    x", "    y", "    z"].into_iter().zip(splat.position) {
-        fact(ui, name, format!("{value:.4}"));
+        fact(ui, name, length(value));
     }
     if let Some(distance) = distance {
-        fact(ui, "Distance to the last pick", format!("{distance:.4}"));
+        fact(ui, "Distance to the last pick", length(distance));
     }
-    fact(ui, "Scale", three(splat.scale));
+    fact(ui, "Scale", splat.scale.map(length).join("  "));
     fact(ui, "Rotation w x y z", splat.rotation.map(|v| format!("{v:.3}")).join("  "));
     ui.horizontal(|ui| {
         ui.label(RichText::new("Colour from here").color(soft));
@@ -76,7 +77,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     fact(ui, "Splats blended", grouped(count as u64));
     fact(ui, "Background's share", percent(picked.transmittance));
     if let Some(depth) = picked.depth {
-        fact(ui, "Mean depth", format!("{depth:.4}"));
+        fact(ui, "Mean depth", length(depth));
     }
     ui.weak("By the published rules in double precision, whatever the graph does.");
     for (index, other) in picked.splats.iter().enumerate().take(LIST) {

@@ -293,6 +293,12 @@ pub fn three_digits(value: f64) -> String {
     }
 }
 
+/// Formats a length with four digits or more, and with four decimals or more.
+pub fn length(value: f64) -> String {
+    let decimals = 3.0 - value.abs().log10().floor();
+    format!("{value:.*}", if decimals.is_finite() { decimals.clamp(4.0, 12.0) as usize } else { 4 })
+}
+
 /// Draws values as a line graph, oldest at the left, scaled from 0 to the largest value. Draws nothing for fewer than
 /// two values, or if the largest is not positive and finite.
 pub fn sparkline(painter: &Painter, rect: Rect, values: &[f64], stroke: Stroke) {
@@ -350,6 +356,12 @@ mod tests {
         let names: Vec<&str> = found.into_iter().map(|(name, _)| name).collect();
         assert_eq!(names, ["splat", "splat2", "my_splat", "mesh"]);
         assert_eq!(ranked(graphs, |(name, about)| rank("", &[name], about)), graphs);
+    }
+
+    #[test]
+    fn lengths_have_four_digits_however_small() {
+        let texts = [1234.56789, 1.5, 0.00012, 1e-5, 0.0, f64::NAN].map(length);
+        assert_eq!(texts, ["1234.5679", "1.5000", "0.0001200", "0.00001000", "0.0000", "NaN"]);
     }
 
     #[test]

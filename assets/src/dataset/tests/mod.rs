@@ -277,6 +277,10 @@ fn a_lens_with_distortion_in_a_cameras_json_is_refused() {
     for (more, what) in [
         (r#""k1": 0.3"#, "`k1`: expected 0, a lens without distortion, found 0.3"),
         (r#""distortion": [0, 0, -0.1]"#, "`distortion`: expected 0, a lens without distortion, found -0.1"),
+        (
+            r#""camera_model": "OPENCV_FISHEYE""#,
+            "`projection`: expected fisheye, that of the `camera_model` OPENCV_FISHEYE, found pinhole",
+        ),
     ] {
         says(parse(more).unwrap_err(), what);
     }
