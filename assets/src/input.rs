@@ -155,6 +155,7 @@ pub(crate) fn finish(
     size_breakdown: SizeBreakdown,
     notes: FileNotes,
 ) -> Result<Scene, SceneError> {
+    let notes = FileNotes { clamped_opacities: gathered.clamped_opacities, ..notes };
     let scene = Scene::new(columns, gathered).with_breakdown(size_breakdown).with_notes(notes);
     if scene.count() == 0 {
         return Err(SceneError::AllDropped { count, reasons: scene.dropped().to_string() });

@@ -106,12 +106,13 @@ pub fn after_rows(scene: &Scene) -> Option<String> {
 
 /// Describes what is unusual about a loaded scene, one text for each peculiarity.
 ///
-/// These are dropped splats, a mesh that is left out, coarse positions, properties and tags that are not used, and data
-/// after the last row.
+/// These are dropped splats, clamped opacities, a mesh that is left out, coarse positions, properties and tags that are
+/// not used, and data after the last row.
 pub fn notes(scene: &Scene) -> Vec<String> {
     let dropped = scene.dropped();
     let texts = [
         (dropped.total() > 0).then(|| format!("{} dropped ({dropped})", splats(dropped.total()))),
+        scene.notes().clamped(),
         scene.notes().mesh_left_out().map(|mesh| format!("left out: {mesh}")),
         scene.coarse_positions().map(|coarse| format!("positions are {coarse}")),
         skipped(scene)

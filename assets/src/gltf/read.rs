@@ -86,7 +86,7 @@ fn primitive(
     let filled = input.fill((count, degree, false), tables, 0, &done, |rows, _, out| {
         let (mut splat, norm) = splat(&columns, rows, logarithmic);
         transform.apply(&mut splat);
-        out.push(&splat, norm);
+        out.push_clamped(&splat, norm);
     })?;
     let fields = columns.iter().zip(&names).map(|(column, name)| column.size(name));
     let is_other = |(name, _): &(&String, &usize)| !names.contains(name);
@@ -117,7 +117,7 @@ fn splat(columns: &[Column], rows: [&[u8]; MAX_COLUMNS], logarithmic: bool) -> (
             false => of(2, axis),
         }),
         rotation,
-        opacity: of(3, 0).clamp(0.0, 1.0),
+        opacity: of(3, 0),
         sh: [0.0; 48],
     };
     for (number, value) in splat.sh.iter_mut().enumerate().take(3 * (columns.len() - 4)) {

@@ -114,9 +114,12 @@ fn integers_are_numbers_or_shares_and_negative_scales_are_logarithms() {
     for (value, scale) in binary[start..start + 60].chunks_exact_mut(4).zip(scene.scales().as_flattened()) {
         value.copy_from_slice(&scale.ln().min(-0.1).to_le_bytes());
     }
+    // The opacities follow.
+    binary[start + 60..][..4].copy_from_slice(&1.5f32.to_le_bytes());
     let found = Scene::parse(&glb_file::joined(&document, &binary), QUIET).unwrap();
     let expected = scene.scales()[0][0].min((-0.1f32).exp());
     assert!((found.scales()[0][0] - expected).abs() < 1e-6);
+    assert_eq!((found.opacities()[0], found.notes().clamped_opacities), (1.0, 1));
 }
 
 #[test]

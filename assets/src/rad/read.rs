@@ -10,7 +10,6 @@ use crate::scene::{FileNotes, Scene, Splat};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use rayon::prelude::*;
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Bytes that a converted splat adds to the progress.
 const CONVERTED: u64 = 64;
@@ -48,21 +47,17 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
         return Err(SceneError::AllDropped { count: all.count, reasons });
     }
     let mut columns = input.allocate(count as u64, all.degree, false, (0, beside))?;
-    let clamped = AtomicU64::new(0);
     let gathered = columns.fill(|out| {
-        let mut above = 0;
         for index in out.first()..out.first() + out.len() {
             let at = ends.partition_point(|end| *end <= index);
             let chunk = &arrays[at];
             let row = chunk.row(index - if at > 0 { ends[at - 1] } else { 0 });
             let (splat, norm) = splat(chunk, &arrays[0], row);
-            above += u64::from(splat.opacity > 1.0);
-            out.push(&Splat { opacity: splat.opacity.min(1.0), ..splat }, norm);
+            out.push_clamped(&splat, norm);
         }
-        clamped.fetch_add(above, Ordering::Relaxed);
         done.add(out.len() as u64 * CONVERTED)
     })?;
-    let notes = FileNotes { lod_nodes, clamped_opacities: clamped.into_inner(), ..FileNotes::default() };
+    let notes = FileNotes { lod_nodes, ..FileNotes::default() };
     input::finish((columns, gathered), count as u64, breakdown(&all, count as u64), notes)
 }
 

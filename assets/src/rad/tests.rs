@@ -175,8 +175,10 @@ fn the_leaves_of_a_tree_are_read_and_opacities_above_1_are_counted() {
     assert_eq!(scene.opacities(), [0.5, 1.0, 0.25]);
     assert_eq!(scene.positions()[0], numbers(9)[3..6]);
     assert_eq!((scene.notes().lod_nodes, scene.notes().clamped_opacities), (2, 1));
-    let expected =
-        ["2 nodes of a tree of levels of detail above its leaves", "1 opacities above 1, read as 1"];
+    let expected = [
+        "2 nodes of a tree of levels of detail above its leaves",
+        "1 opacities outside 0 to 1, read as 0 or 1",
+    ];
     assert_eq!(scene.notes().left_out(), expected);
     assert_eq!(scene.size_breakdown().sum(), bytes.len() as u64);
     says(&scene.size_breakdown().format, "2 chunks, leaves of a tree");

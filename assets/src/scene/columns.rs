@@ -53,6 +53,17 @@ impl Rows<'_> {
         self.push_wide(splat, splat.position.map(f64::from), norm);
     }
 
+    /// Stores a splat like [`Rows::push`], and clamps an opacity from a file that may store any number.
+    #[inline]
+    pub(crate) fn push_clamped(&mut self, splat: &Splat, norm: f64) {
+        let opacity = splat.opacity.clamp(0.0, 1.0);
+        if opacity == splat.opacity || !splat.opacity.is_finite() {
+            return self.push(splat, norm);
+        }
+        self.gathered.clamped_opacities += 1;
+        self.push(&Splat { opacity, ..*splat }, norm);
+    }
+
     /// Stores a splat like [`Rows::push`], with a position beyond f32 precision. [`Splat::position`] must be `position`
     /// rounded to f32.
     #[inline]

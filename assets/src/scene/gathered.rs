@@ -127,6 +127,8 @@ impl QuaternionNorms {
 #[derive(Debug)]
 pub(crate) struct Gathered {
     pub(super) dropped: Dropped,
+    /// Number of opacities that were clamped.
+    pub(crate) clamped_opacities: u64,
     pub(super) norms: QuaternionNorms,
     pub(super) effective_degree: u32,
     pub(super) bounds: Bounds,
@@ -138,6 +140,7 @@ impl Gathered {
     pub(super) fn new() -> Self {
         Self {
             dropped: Dropped::default(),
+            clamped_opacities: 0,
             norms: QuaternionNorms::NONE,
             effective_degree: 0,
             bounds: Bounds::EMPTY,
@@ -152,6 +155,7 @@ impl Gathered {
 
     pub(super) fn join(&mut self, other: &Self) {
         self.dropped = self.dropped.plus(&other.dropped);
+        self.clamped_opacities += other.clamped_opacities;
         self.norms.join(&other.norms);
         self.effective_degree = self.effective_degree.max(other.effective_degree);
         self.bounds.join(&other.bounds);

@@ -96,7 +96,7 @@ pub struct FileNotes {
     /// Number of inner nodes of the file's level-of-detail tree. Only the leaves are read.
     #[serde(skip_serializing_if = "is_zero")]
     pub lod_nodes: u64,
-    /// Number of opacities above 1 in a `.rad` file. They are read as 1.
+    /// Number of opacities below 0 or above 1. They are read as 0 or 1.
     #[serde(skip_serializing_if = "is_zero")]
     pub clamped_opacities: u64,
     /// Number of primitives of meshes in the glTF file of the splats. They are not read.
@@ -111,6 +111,11 @@ fn is_zero(count: &u64) -> bool {
     *count == 0
 }
 
+/// Writes a count before a noun; `None` if it is 0.
+fn counted(count: u64, text: &str) -> Option<String> {
+    (count > 0).then(|| format!("{} {text}", grouped(count)))
+}
+
 impl FileNotes {
     /// Up direction of a file that names none: y points down.
     pub const UP: [f64; 3] = [0.0, -1.0, 0.0];
@@ -122,13 +127,13 @@ impl FileNotes {
 
     /// Lists the nonzero numbers of unread tree nodes, unread mesh primitives and clamped opacities, a phrase for each.
     pub fn left_out(&self) -> Vec<String> {
-        let counted = [
-            (self.lod_nodes, "nodes of a tree of levels of detail above its leaves"),
-            (self.clamped_opacities, "opacities above 1, read as 1"),
-        ];
-        let counted = counted.into_iter().filter(|(count, _)| *count > 0);
-        let counted = counted.map(|(count, text)| format!("{} {text}", grouped(count)));
-        counted.chain(self.mesh_left_out()).collect()
+        let nodes = counted(self.lod_nodes, "nodes of a tree of levels of detail above its leaves");
+        [nodes, self.clamped(), self.mesh_left_out()].into_iter().flatten().collect()
+    }
+
+    /// Reports how many opacities were clamped. `None` if there are none.
+    pub fn clamped(&self) -> Option<String> {
+        counted(self.clamped_opacities, "opacities outside 0 to 1, read as 0 or 1")
     }
 
     /// Reports how many mesh primitives of the splats' file were not read. `None` if there are none.

@@ -234,7 +234,7 @@ fn prim_scene(
         };
         let (mut splat, norm) = splat(number, arrays[1].0.real_last, degree);
         transform.apply(&mut splat);
-        out.push(&splat, norm);
+        out.push_clamped(&splat, norm);
     })?;
     let cut_degree = (*file_degree > 3).then_some(*file_degree);
     let notes = FileNotes { key_of: *key_of, cut_degree, ..FileNotes::default() };
@@ -255,7 +255,7 @@ fn splat(number: impl Fn(usize, usize) -> f32, real_last: bool, degree: u32) -> 
         position: std::array::from_fn(|axis| number(0, axis)),
         scale: std::array::from_fn(|axis| number(2, axis)),
         rotation,
-        opacity: number(3, 0).clamp(0.0, 1.0),
+        opacity: number(3, 0),
         sh: std::array::from_fn(|at| if at < floats { number(4, at) } else { 0.0 }),
     };
     (splat, norm)

@@ -48,6 +48,8 @@ fn layers_of_openusd_have_the_places_that_it_computes() {
     let directory = compressed.windows(4).position(|bytes| bytes == b"PK\x01\x02").unwrap();
     (compressed[8], compressed[directory + 10]) = (8, 8);
     says(read(&compressed).unwrap_err().to_string(), "expected an uncompressed file");
+    let over = read(layer("", "").replace("[0.5, 1]", "[-0.5, 1.5]").as_bytes()).unwrap();
+    assert_eq!((over.opacities(), over.notes().clamped_opacities), (&[0.0, 1.0][..], 2));
     let [text, binary, package] = ["usda", "usdc", "usdz"].map(|end| read(&file(end)).unwrap());
     assert_eq!((text.identity(), binary.identity()), (binary.identity(), package.identity()));
 }
