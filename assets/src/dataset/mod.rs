@@ -8,8 +8,6 @@
 //! | the 3DGS reference implementation's `cameras.json` | a JSON list, or a folder with that file |
 //! | glTF, the cameras of the default scene | `glTF` in the first four bytes, or the extension `.gltf` |
 //!
-//! A folder whose only such file is `transforms_val.json` is not recognised.
-//!
 //! Cameras are pinholes, or have another [`Projection`](crate::Projection) if the dataset names one. A lens with
 //! distortion is refused, unless [`CameraOptions`] ignores its distortion. Principal points are those of the dataset;
 //! the reference moves them to the images' centres.
@@ -139,7 +137,7 @@ impl Dataset {
             }
             return Ok(dataset);
         }
-        let mut files = ["transforms.json", "transforms_train.json", "cameras.json"]
+        let mut files = ["transforms.json", "transforms_train.json", "transforms_val.json", "cameras.json"]
             .map(|name| folder.join(name))
             .into_iter();
         let file = files.find(|file| file.exists());

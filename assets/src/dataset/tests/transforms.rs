@@ -180,6 +180,11 @@ fn a_blender_scene_takes_its_size_from_its_photographs_and_its_split_from_its_fi
     assert_eq!(Dataset::load(folder.path()).unwrap(), dataset);
     assert!(Dataset::load(folder.path().join("transforms_val.json")).is_err());
     let elsewhere = tempfile::tempdir().unwrap();
+    let file = elsewhere.path().join("transforms_val.json");
+    std::fs::copy(folder.path().join("transforms_test.json"), &file).unwrap();
+    let options = CameraOptions { photographs: Some(folder.path()), ..CameraOptions::default() };
+    let alone = Dataset::load_with(elsewhere.path(), options).unwrap();
+    assert_eq!((alone.views.len(), alone.files), (2, vec![file]));
     let file = elsewhere.path().join("transforms_test.json");
     std::fs::copy(folder.path().join("transforms_test.json"), &file).unwrap();
     assert!(Dataset::load(&file).is_err());
