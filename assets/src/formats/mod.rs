@@ -160,10 +160,7 @@ impl SceneHeader {
         match Self::open(path, level)? {
             Found::One(header) => Ok(header),
             Found::Mesh(()) => Err(SceneError::MeshAlone.of(path)),
-            Found::Several(parts) => {
-                let all = Self::of_parts(&parts, level).map_err(|error| within(path, &parts, error))?;
-                Ok(Self::joined(&all))
-            }
+            Found::Several(parts) => Ok(Self::joined(&Self::of_parts(path, &parts, level)?)),
         }
     }
 
@@ -171,9 +168,9 @@ impl SceneHeader {
         open(path, |source, path| Self::of(source, path, level), |_, _| Ok(()))
     }
 
-    /// Reads the headers of a composition's parts, each file once. A mesh has 0 splats. Fails if a `level` is requested
+    /// Reads the headers of the parts of the composition at `path`, each file once. A mesh has 0 splats. Fails if a `level` is requested
     /// and no part has levels.
-    fn of_parts(parts: &[Placed], level: Option<u32>) -> Result<Vec<Self>, LoadError> {
+    fn of_parts(path: &Path, parts: &[Placed], level: Option<u32>) -> Result<Vec<Self>, LoadError> {
         let (mut known, mut has_levels) = (HashMap::new(), false);
         let mut header = |part: &Placed| {
             let (found, at_level) = at_level(level, |level| Self::open(&part.file, level))?;
@@ -188,11 +185,15 @@ impl SceneHeader {
         };
         let all = parts.iter().map(|part| match known.entry(&part.file) {
             Entry::Occupied(known) => Ok(*known.get()),
-            Entry::Vacant(unknown) => Ok(*unknown.insert(header(part)?)),
+            Entry::Vacant(unknown) => {
+                Ok(*unknown.insert(header(part).map_err(|error| within(path, part, error))?))
+            }
         });
         let all = all.collect::<Result<_, _>>()?;
         match parts.last() {
-            Some(last) if level.is_some() && !has_levels => Err(SceneError::NoLevels.of(&last.file)),
+            Some(last) if level.is_some() && !has_levels => {
+                Err(within(path, last, SceneError::NoLevels.of(&last.file)))
+            }
             _ => Ok(all),
         }
     }
@@ -234,11 +235,8 @@ fn at_level<T>(
 }
 
 /// Creates the error for the composition at `path` from that of a part.
-fn within(path: &Path, parts: &[Placed], error: LoadError) -> LoadError {
-    // If a folder and a file in it are both parts, the file is the one with the error.
-    let holds = parts.iter().filter(|part| error.path.starts_with(&part.file));
-    let part = holds.max_by_key(|part| part.file.components().count());
-    let (line, column) = part.map_or((1, 1), |part| part.at);
+fn within(path: &Path, part: &Placed, error: LoadError) -> LoadError {
+    let (line, column) = part.at;
     SceneError::Placed { line, column, error: Box::new(error) }.of(path)
 }
 
@@ -302,13 +300,10 @@ impl Scene {
             Found::One(scene) => Ok(Content::Splats(scene.into())),
             Found::Mesh(mesh) => Ok(Content::Mesh(mesh)),
             Found::Several(parts) => {
-                let headers =
-                    SceneHeader::of_parts(&parts, level).map_err(|error| within(path, &parts, error))?;
+                let headers = SceneHeader::of_parts(path, &parts, level)?;
                 SceneHeader::check_joined(&headers, 0, memory::available())
                     .map_err(|error| SceneError::Memory(error).of(path))?;
-                let folder = path.parent().unwrap_or(Path::new(""));
-                let (scene, elements) = Self::load_placed(&parts, folder, level, progress)
-                    .map_err(|error| within(path, &parts, error))?;
+                let (scene, elements) = Self::load_placed(path, &parts, level, progress)?;
                 let header_bytes = std::fs::metadata(path).map_or(0, |found| found.len());
                 let file_bytes = header_bytes + elements.iter().map(|element| element.bytes).sum::<u64>();
                 let format = format!("list of scenes, {} files", elements.len());
@@ -325,14 +320,15 @@ impl Scene {
         open(path, one, mesh)
     }
 
-    /// Loads the parts of a composition: transforms and joins the scenes, and adds the meshes. Needs at least one
-    /// scene. Also returns the size of each file, which is named relative to `folder`.
+    /// Loads the parts of the composition at `path`: transforms and joins the scenes, and adds the meshes. Needs at
+    /// least one scene. Also returns the size of each file, which is named relative to the composition.
     fn load_placed(
+        path: &Path,
         parts: &[Placed],
-        folder: &Path,
         level: Option<u32>,
         progress: Progress,
     ) -> Result<(Self, Vec<ElementSize>), LoadError> {
+        let folder = path.parent().unwrap_or(Path::new(""));
         let bytes = |part: &Placed| std::fs::metadata(&part.file).map_or(0, |found| found.len());
         let total: u64 = parts.iter().map(bytes).sum();
         let (mut scenes, mut meshes, mut before) = (Vec::with_capacity(parts.len()), Vec::new(), 0);
@@ -345,7 +341,8 @@ impl Scene {
                 let share = done as f64 / of.max(1) as f64;
                 progress(before + (share * length as f64) as u64, total)
             };
-            let no_room = |error| SceneError::Memory(error).of(&part.file);
+            let fail = |error| within(path, part, error);
+            let wrong = |problem: SceneError| fail(problem.of(&part.file));
             let mut add_size = |format: &str, rows, bytes| {
                 // A file that is placed several times is counted once.
                 if !parts[..index].iter().any(|before| before.file == part.file) {
@@ -354,7 +351,9 @@ impl Scene {
                     sizes.push(ElementSize::new(&format!("{name} ({format})"), rows, vec![contents]));
                 }
             };
-            let scene = match at_level(level, |level| Self::load_one(&part.file, level, &tell))?.0 {
+            let (found, _) =
+                at_level(level, |level| Self::load_one(&part.file, level, &tell)).map_err(fail)?;
+            let scene = match found {
                 Found::One(scene) => {
                     let rows = u64::from(scene.count()) + scene.dropped().total();
                     let breakdown = scene.size_breakdown();
@@ -367,23 +366,22 @@ impl Scene {
                     before += length;
                     continue;
                 }
-                Found::Several(_) => return Err(nested(&part.file)),
+                Found::Several(_) => return Err(fail(nested(&part.file))),
             };
             let scene = match part.by == Similarity::IDENTITY {
                 true => scene,
-                false => scene.transformed(&part.by).map_err(no_room)?,
+                false => scene.transformed(&part.by).map_err(|error| wrong(error.into()))?,
             };
             if scene.count() == 0 {
                 let (count, reasons) = (scene.dropped().total(), scene.dropped().to_string());
-                return Err(SceneError::AllDropped { count, reasons }.of(&part.file));
+                return Err(wrong(SceneError::AllDropped { count, reasons }));
             }
             files.push((part.file.clone(), scene.count()));
             scenes.push(scene);
             before += length;
         }
-        let path = parts.last().map_or(Path::new(""), |part| &part.file);
-        if scenes.is_empty() {
-            return Err(SceneError::MeshAlone.of(path));
+        if let Some(last) = parts.last().filter(|_| scenes.is_empty()) {
+            return Err(within(path, last, SceneError::MeshAlone.of(&last.file)));
         }
         let joined = Self::of_one_file(scenes).map_err(|error| SceneError::Memory(error).of(path))?;
         let joined = joined.with_parts(files);

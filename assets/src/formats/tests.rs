@@ -320,7 +320,8 @@ fn placed_scenes_are_moved_and_joined_as_convert_does_bit_by_bit() {
     // The scenes are in memory beside the joined one, whose degree is the highest.
     let part = |name: &str| Placed { file: at(name), by: Similarity::IDENTITY, at: (1, 1) };
     let headers =
-        SceneHeader::of_parts(&[part("a.ply"), part("far/a.ply"), part("far/a.ply")], None).unwrap();
+        SceneHeader::of_parts(&at("both.ron"), &[part("a.ply"), part("far/a.ply"), part("far/a.ply")], None)
+            .unwrap();
     let joined = Scene::host_bytes(900, 3) + 900 * 12;
     let needed = Scene::host_bytes(300, 3) + 2 * Scene::host_bytes(300, 2) + joined;
     assert!(SceneHeader::check_joined(&headers, 0, Some(needed)).is_ok());
@@ -364,8 +365,9 @@ fn splats_that_parts_of_a_list_lose_are_counted_in_the_whole() {
     assert_eq!((sizes.sum(), sizes.header_bytes), (sizes.file_bytes, length("all.ron")));
     assert_eq!((sizes.format.as_str(), sizes.elements[0].rows), ("list of scenes, 2 files", 3));
     Scene::generate(2, 0, |_| huge(1)).write_ply(at("huge.ply")).unwrap();
-    let said = load(r#"Scenes([Scene(file: "nan.ply"), Scene(file: "huge.ply", scale: 1e9)])"#);
+    let said = load("Scenes([Scene(file: \"huge.ply\", scale: 1e9),\nScene(file: \"huge.ply\")])");
     let said = said.unwrap_err().to_string();
+    assert!(said.contains("all.ron: line 1, column 15: "), "{said}");
     assert!(
         said.ends_with("huge.ply: none of the 2 splats can be drawn: 2 with a scale not finite in f32"),
         "{said}"
