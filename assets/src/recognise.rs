@@ -84,6 +84,11 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
     if extension == "gltf" || gltf::begins_as_gltf(head) {
         return Ok(SceneFormat::Gltf);
     }
+    // JSON begins with the same brackets.
+    if extension == "ron" {
+        let found = "a .ron file that is no list `Scenes([...])`".to_owned();
+        return Err(SceneError::NotScene { found });
+    }
     let magic = MAGIC.iter().find(|(magic, _)| head.starts_with(magic));
     let known = |(_, what): &(&[u8], &str)| Err(SceneError::NotScene { found: (*what).to_owned() });
     // Magic numbers of one or two bytes come last: a `.splat`, which has none, can begin with any bytes.
@@ -121,6 +126,7 @@ mod tests {
         says(said("a.html", b"<!DOCTYPE html>\n<title>SuperSplat Viewer"), "SuperSplat's viewer");
         says(said("a.html", b"<!DOCTYPE html>\n<title>Log in"), "a download that needed a login?");
         says(said("a.json", b"{\"asset\": {}, \"geometricError\": 1}"), "a tileset of 3D Tiles");
+        says(said("a.ron", b"[Scene(file: \"a.ply\")]"), "found a .ron file that is no list `Scenes([...])`");
         says(said("a.lcc", b"{\"totalSplats\": 9}"), "LCC");
         says(
             said("meta.json", b"{\"means\": {\"shape\": [9, 3]}, \"quats\": {}}"),
