@@ -62,7 +62,8 @@ impl Exporter {
         if splats.is_empty() {
             return Err("expected at least one splat to write, found none".to_owned());
         }
-        let format = if is_list(path) { None } else { Some(scene_file::format_of(path)?) };
+        let or_list = |error| format!("{error}; or in .json, for a list of indices");
+        let format = if is_list(path) { None } else { Some(scene_file::format_of(path).map_err(or_list)?) };
         OutputGuard::default().output("the file", path).map_err(|error| error.to_string())?;
         if std::fs::symlink_metadata(path).is_ok() {
             return Err("expected a new file, found one that exists".to_owned());
@@ -150,9 +151,9 @@ mod tests {
             exporter.start(scene.clone(), splats.clone(), None, &path).unwrap_err()
         };
         assert!(said(&mut exporter, &some, at("scene.ply")).contains("expected a new file"));
-        assert!(
-            said(&mut exporter, &some, at("part.png")).contains("expected a file name that ends in .ply")
-        );
+        let unknown = said(&mut exporter, &some, at("part.png"));
+        assert!(unknown.contains("expected a file name that ends in .ply"), "{unknown}");
+        assert!(unknown.ends_with("; or in .json, for a list of indices"), "{unknown}");
         assert!(said(&mut exporter, &some, at("scene.ply/part.ply")).contains("scene.ply"));
         assert!(said(&mut exporter, &Arc::default(), at("a.ply")).contains("expected at least one splat"));
         assert_eq!(std::fs::read_to_string(at("scene.ply")).unwrap(), "mine");
