@@ -41,8 +41,7 @@ pub enum Meaning {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cursor {
     pub meaning: Meaning,
-    /// Byte range between the quotes. If the closing quote is missing, up to the end of the line, or of the file if the
-    /// string begins in an earlier line.
+    /// Byte range between the quotes; up to the end of the line if the closing quote is missing.
     pub inside: Range<usize>,
 }
 
@@ -172,7 +171,7 @@ fn scan(text: &str, stop: Option<usize>) -> Scan {
     scan
 }
 
-/// Returns the byte offset of the quote that ends a string; if the quote is missing, that of the string's end.
+/// Returns the byte offset of the quote that ends a string, or that of its line's end if the quote is missing.
 ///
 /// A string may span several lines. But if it begins in the line of byte `offset`, it may be unfinished, and ends with
 /// that line at the latest, so that it does not swallow the rest of the file.
@@ -190,7 +189,7 @@ fn end_of_text(text: &str, start: usize, offset: Option<usize>) -> usize {
         }
         escaped = c == '\\' && !escaped;
     }
-    last
+    text[start..last].find('\n').map_or(last, |end| start + end)
 }
 
 /// Determines the meaning of the value of `key`. `around` lists the brackets around it, innermost first.
@@ -245,6 +244,13 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_string_without_an_end_does_not_swallow_the_lines_after_it() {
+        let scan = Scan::of("Graph(output: \"picture,\n passes: [Fill(value: 0)])");
+        let names: Vec<&str> = scan.groups.iter().map(|group| group.name.as_str()).collect();
+        assert_eq!(names, ["", "Graph", "", "Fill"]);
     }
 
     /// `|` marks the cursor.

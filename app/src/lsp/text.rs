@@ -66,7 +66,7 @@ pub fn offset_of(text: &str, position: Position) -> usize {
         0 => 0,
         line => text.match_indices('\n').nth(line as usize - 1).map_or(text.len(), |(at, _)| at + 1),
     };
-    let line = text[start..].split('\n').next().unwrap_or_default();
+    let line = text[start..].lines().next().unwrap_or_default();
     let mut units = 0;
     for (at, c) in line.char_indices() {
         if units >= position.character {
@@ -122,5 +122,8 @@ mod tests {
         // After the end of a line, and after the end of the text.
         assert_eq!(offset_of(text, Position { line: 0, character: 9 }), 1);
         assert_eq!(offset_of(text, Position { line: 9, character: 0 }), text.len());
+        let of_windows = "a\r\nb\r\n";
+        assert_eq!(offset_of(of_windows, Position { line: 0, character: 9 }), 1);
+        assert_eq!(offset_of(of_windows, Position { line: 1, character: 9 }), 4);
     }
 }
