@@ -104,7 +104,8 @@ pub(super) fn generate(key: &Key) -> Result<Vec<u32>, Failure> {
         | GlslangError::LinkError(log) => Failure::Log(log.log),
         other => Failure::Log(format!("ERROR: {other}")),
     };
-    let compiler = Compiler::acquire().ok_or_else(|| Failure::Log("ERROR: glslang does not start".into()))?;
+    let compiler =
+        Compiler::acquire().ok_or_else(|| Failure::Crash("ERROR: glslang does not start".into()))?;
     let stage = match key.stage {
         ShaderStage::Vertex => glslang::ShaderStage::Vertex,
         ShaderStage::Fragment => glslang::ShaderStage::Fragment,

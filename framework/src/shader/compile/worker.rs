@@ -129,7 +129,10 @@ impl Parent {
             };
             match process.compile(&request, cancel) {
                 Ok(answer) => {
-                    self.process = Some(process);
+                    // glslang never starts in a process where its first start failed.
+                    if !matches!(answer, Err(Failure::Crash(_))) {
+                        self.process = Some(process);
+                    }
                     return answer;
                 }
                 Err(lost) => match self.failure(&lost) {

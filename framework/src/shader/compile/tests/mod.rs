@@ -396,6 +396,25 @@ fn a_worker_that_ended_while_nobody_asked_is_replaced() {
     next(&mut bench, "void main() { o[0] = 2; }").expect("compiled by another");
 }
 
+#[cfg(unix)]
+#[test]
+fn a_worker_in_which_the_compiler_does_not_start_is_replaced() {
+    let reply = r#"{"Err":{"Crash":"ERROR: glslang does not start"}}"#;
+    let begun = tempfile::NamedTempFile::new().expect("a file");
+    let reply = format!(r"\{:03o}\0\0\0{reply}", reply.len());
+    let magic = r"\nsplatgraph shader compiler 1\n";
+    let script = format!("echo >> {}; printf '{magic}{reply}{reply}'; exec cat", begun.path().display());
+    let arguments = ["-c", &script].map(Into::into).into();
+    let mut bench = Bench::new(&[]);
+    let worker = Worker { arguments, ..Worker::new("/bin/sh") };
+    bench.compiler = Glslang::in_worker(worker);
+    for attempt in 1..=2 {
+        let error = next(&mut bench, SOUND).unwrap_err();
+        assert!(error.contains("glslang does not start"), "{error}");
+        assert_eq!(std::fs::read(begun.path()).expect("readable").len(), attempt);
+    }
+}
+
 #[test]
 fn a_program_that_does_not_serve_is_an_error() {
     for program in ["/bin/true", "/nowhere/at all"] {
