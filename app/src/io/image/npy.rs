@@ -209,7 +209,10 @@ fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<(Image<f64>, Depth), Im
         }
         _ => Err(ImageError::new(
             path,
-            format!("expected values of type float32, float64 or uint8, found {}", npy.dtype().descr()),
+            format!(
+                "expected values of type float32, float64 or uint8, or uint32 in a single channel, found {}",
+                npy.dtype().descr()
+            ),
         )),
     }
 }
@@ -253,7 +256,7 @@ mod tests {
         assert!(message.contains("shape [2, 3, 2]"), "{message}");
         save_words(&path, &[2, 2, 3], &[0u32; 12]).unwrap();
         let message = load(&path).unwrap_err().to_string();
-        assert!(message.ends_with("found '<u4'"), "{message}");
+        assert!(message.ends_with("or uint32 in a single channel, found '<u4'"), "{message}");
     }
 
     #[test]
