@@ -173,8 +173,9 @@ impl Plot {
         let all = || shown.iter().flatten();
         let bars = self.shown_bars();
         let ends = bars.iter().flat_map(|(low, high, _)| [*low, *high]);
+        let heights = bars.iter().map(|bar| bar.2);
         let x = Ticks::new(all().map(|point| point.0).chain(ends), self.x.logarithmic);
-        let y = Ticks::new(all().map(|point| point.1), self.y.logarithmic);
+        let y = Ticks::new(all().map(|point| point.1).chain(heights), self.y.logarithmic);
 
         area.fill(&WHITE)?;
         let mut chart = ChartBuilder::on(area)
@@ -465,6 +466,8 @@ mod tests {
             assert!(svg.contains(text), "{text}: {svg}");
         }
         assert!(!svg.contains("equal") && !svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+        let above = Plot { bars: vec![Bar { x: (1.5, 2.5), y: 150.0 }], ..plot() }.svg().unwrap();
+        assert!(above.contains("\n140\n") && !svg.contains("\n140\n"), "{above}");
         let image = plot().image().unwrap();
         let of = |colour: RGBColor| {
             let wanted = [colour.0, colour.1, colour.2].map(|v| f32::from(v) / 255.0);
