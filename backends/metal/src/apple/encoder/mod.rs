@@ -231,7 +231,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
     fn pop_label(&mut self) {
         if self.groups > 0 {
             self.groups -= 1;
-            self.pop_group();
+            objc::pool(|| self.pop_group());
         }
     }
 
