@@ -228,12 +228,11 @@ impl Session {
         Ok(Session::new(self.device.new_context()?, scene, pipeline, set))
     }
 
-    /// Gives every resource of later plans its own memory, so that its contents can be read after any pass.
-    ///
-    /// Call it before [`Session::prepare`]: a loaded plan stays.
+    /// Gives every resource its own memory from the next [`Session::prepare`], so that its contents can be read after
+    /// any pass. Discards the plan and frames in flight.
     pub fn keep_contents(&mut self) {
         self.planner.share_memory = false;
-        self.early = None;
+        self.forget_plan();
     }
 
     /// Requests outputs of the graph besides its picture, such as `depth`, from the next [`Session::prepare`]. If the
