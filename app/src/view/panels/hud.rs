@@ -268,9 +268,9 @@ pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
     }
 }
 
-/// Draws the comparison card at the bottom of the split line, and marks the worst pixel if `marked`. The card has the
-/// median times of A and B, the progress or the result, and a button that toggles `marked`. Draws nothing without a
-/// finished or running comparison.
+/// Draws the comparison card at the bottom of the split line, above the selection's card, and marks the worst pixel if
+/// `marked`. The card has the median times of A and B, the progress or the result, and a button that toggles `marked`.
+/// Draws nothing without a finished or running comparison.
 pub fn comparison(ctx: &Context, viewer: &mut Viewer, view: Rect, marked: &mut bool) {
     if viewer.comparison().is_none() && !viewer.is_comparing() {
         return;
@@ -280,7 +280,8 @@ pub fn comparison(ctx: &Context, viewer: &mut Viewer, view: Rect, marked: &mut b
     let total = |viewport: &Viewport| viewport.history.total().map(|total| widgets::time(total.median));
     let times: Vec<Option<String>> = viewer.viewports().map(total).collect();
     let mut close = false;
-    let at = pos2(line, view.bottom() - 4.0 * GRID);
+    let bottom = controls::find(ctx, "splats").map_or(view.bottom() - 4.0 * GRID, |card| card.top() - GRID);
+    let at = pos2(line, bottom);
     let area = area(Id::unique("comparison"), at, Align2::CENTER_BOTTOM, view, Order::Middle);
     let shown = show_area(ctx, area, |ui| {
         card(ui, palette.line).show(ui, |ui| {

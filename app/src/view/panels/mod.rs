@@ -335,15 +335,20 @@ impl Panels {
     }
 
     fn over_picture(&mut self, ctx: &Context, viewer: &mut Viewer, window_failure: Option<&str>, view: Rect) {
+        let cards = hud::space_for_cards(ctx, view);
+        // The card of the selection scrolls, and the comparison above it does not.
+        let mut below = cards;
+        if let Some(comparison) = self.controls.find("comparison") {
+            below.min.y = (below.min.y + comparison.height()).min(below.max.y - 40.0);
+        }
+        self.select.card(ctx, viewer, self.selected, below, !self.hidden);
         if viewer.compare != Mode::A && !self.hidden && view.width() >= 200.0 && view.height() >= 140.0 {
             hud::comparison(ctx, viewer, view, &mut self.marked);
         }
-        let view = hud::space_for_cards(ctx, view);
-        self.select.card(ctx, viewer, self.selected, view, !self.hidden);
-        self.errors.show(ctx, viewer, window_failure, view);
-        self.show_notice_card(ctx, view);
+        self.errors.show(ctx, viewer, window_failure, cards);
+        self.show_notice_card(ctx, cards);
         if self.hud {
-            self.toasts.show(ctx, view);
+            self.toasts.show(ctx, cards);
         }
     }
 

@@ -226,6 +226,24 @@ fn the_card_of_a_comparison_is_in_its_place_in_the_first_frame_of_the_result() {
 }
 
 #[test]
+fn the_card_of_a_comparison_is_above_that_of_a_selection() {
+    let mut script = window(&[]);
+    script.viewer().choose_compare(Mode::Split);
+    script.viewer().select_all(RendererId::A);
+    script.settle();
+    script.viewer().measure();
+    script.until("the result", |script| script.has_event(|event| matches!(event, Event::Compared { .. })));
+    for size in [(1280, 800), (640, 320)] {
+        script.resize(size);
+        (0..5).for_each(|_| drop(script.frame(false)));
+        let found = ["view", "comparison", "splats"].map(|name| script.find(name));
+        let [Some(view), Some(comparison), Some(splats)] = found else { panic!("both cards: {found:?}") };
+        assert!(comparison.bottom() < splats.top() && view.contains_rect(comparison), "{found:?}");
+    }
+    script.close(&[]);
+}
+
+#[test]
 fn settings_can_be_reset_before_the_first_plan() {
     let folder = super::script::arranged();
     std::fs::write(folder.path().join("graph.ron"), "Graph(").expect("it is written");
