@@ -299,6 +299,8 @@ pub enum Event {
         splats: u32,
         /// Size of the file, in bytes.
         bytes: u64,
+        /// Tags of the file with their values; see [`super::export::Written::tags`].
+        tags: Vec<String>,
         /// Data of the scene that the file lacks; see [`super::export::Written::lost`].
         lost: Vec<String>,
     },
@@ -386,10 +388,13 @@ impl fmt::Display for Event {
                 let count = |count: u32| splatgraph_assets::grouped(count.into());
                 write!(f, "{} splats selected, {} hidden", count(*selected), count(*hidden))
             }
-            Event::Exported { path, splats, bytes, lost } => {
+            Event::Exported { path, splats, bytes, tags, lost } => {
                 let count = splatgraph_assets::grouped;
                 let path = whole(path);
                 write!(f, "{}: {} splats, {} bytes", path.display(), count((*splats).into()), count(*bytes))?;
+                if !tags.is_empty() {
+                    write!(f, "; tags: {}", tags.join("; "))?;
+                }
                 if lost.is_empty() { Ok(()) } else { write!(f, "; lost: {}", lost.join("; ")) }
             }
             Event::Compared { psnr, ssim, worst, identical } => {
@@ -426,6 +431,13 @@ mod tests {
         let path = Path::new(std::ffi::OsStr::from_bytes(b"caf\xe9")).to_owned();
         let json = serde_json::to_string(&Event::Saved { path }).unwrap();
         assert_eq!(json, "{\"event\":\"saved\",\"path\":\"caf\u{fffd}\"}");
+    }
+
+    #[test]
+    fn a_written_file_is_told_with_its_tags() {
+        let (path, tags) = (PathBuf::from("/a.ply"), vec!["up 0,0,1".to_owned()]);
+        let event = Event::Exported { path, splats: 2, bytes: 1000, tags, lost: Vec::new() };
+        assert_eq!(event.to_string(), "/a.ply: 2 splats, 1,000 bytes; tags: up 0,0,1");
     }
 
     #[test]

@@ -22,6 +22,8 @@ pub struct Written {
     pub splats: u32,
     /// Size of the file, in bytes.
     pub bytes: u64,
+    /// Tags of the file with their values, such as `up 0,0,1`.
+    pub tags: Vec<String>,
     /// Data of the scene that the file lacks, as `convert` lists it, except losses that no picture shows. Empty for a
     /// list of indices.
     pub lost: Vec<String>,
@@ -72,11 +74,12 @@ impl Exporter {
         (self.path, self.percent) = (path.to_owned(), percent.clone());
         let path = path.to_owned();
         self.work.start(move |_| {
-            let written = || -> Result<(u64, Vec<String>), String> {
+            let written = |bytes, tags, lost| Written { splats: splats.len(), bytes, tags, lost };
+            let write = || -> Result<Written, String> {
                 let Some(format) = format else {
                     let text = splats.to_json(&scene).map_err(|error| error.to_string())? + "\n";
                     output::write_new_bytes(&path, text.as_bytes()).map_err(|error| error.to_string())?;
-                    return Ok((text.len() as u64, Vec::new()));
+                    return Ok(written(text.len() as u64, Vec::new(), Vec::new()));
                 };
                 let mut part = scene.picked(&splats.indices()).map_err(|error| error.to_string())?;
                 if up.is_some_and(|up| up != scene.up()) {
@@ -89,9 +92,11 @@ impl Exporter {
                 };
                 let bytes = scene_file::write_new(&part, format, &progress, &path);
                 let bytes = bytes.map_err(|error| error.to_string())?;
-                Ok((bytes, Original::of(&scene).losses(&part, format)))
+                let tags = format.kept_tags(part.notes()).tags();
+                let tags = tags.into_iter().map(|(name, value)| format!("{name} {value}")).collect();
+                Ok(written(bytes, tags, Original::of(&scene).losses(&part, format)))
             };
-            Some(written().map(|(bytes, lost)| Written { splats: splats.len(), bytes, lost }))
+            Some(write())
         })
     }
 
@@ -158,6 +163,21 @@ mod tests {
         assert!(said(&mut exporter, &Arc::default(), at("a.ply")).contains("expected at least one splat"));
         assert_eq!(std::fs::read_to_string(at("scene.ply")).unwrap(), "mine");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn the_summary_of_a_file_names_its_tags() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = Arc::new(synth::generate("uniform", 20, 0).unwrap());
+        let mut exporter = exporter();
+        for (name, expected) in [("a.ply", &["up 0,0,1"][..]), ("a.splat", &[])] {
+            let (all, path) = (Arc::new(SplatSet::first(20)), folder.path().join(name));
+            exporter.start(scene.clone(), all, Some([0.0, 0.0, 1.0]), &path).unwrap();
+            let Some((_, Ok(Written { tags, .. }))) = exporter.wait() else {
+                panic!("{name} is not written")
+            };
+            assert_eq!(tags, expected);
+        }
     }
 
     #[test]

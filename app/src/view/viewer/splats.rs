@@ -205,7 +205,7 @@ impl Viewer {
 
 fn exported((path, result): (PathBuf, Result<Written, String>)) -> Event {
     match result {
-        Ok(Written { splats, bytes, lost }) => Event::Exported { path, splats, bytes, lost },
+        Ok(Written { splats, bytes, tags, lost }) => Event::Exported { path, splats, bytes, tags, lost },
         Err(error) => Event::FileFailed { path, error },
     }
 }
