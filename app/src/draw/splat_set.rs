@@ -6,8 +6,9 @@
 use crate::io::named_file;
 use crate::io::report::text;
 use serde::{Deserialize, Serialize};
-use splatgraph_assets::{Mesh, Scene};
+use splatgraph_assets::{Mesh, Scene, file};
 use splatgraph_reference::{Gaussian, Splats};
+use std::io::Read as _;
 use std::path::Path;
 
 /// A set of splats, by their indices in the scene.
@@ -21,6 +22,8 @@ pub struct SplatSet {
 const FORM: &str =
     "a selection such as {\"splats\": 1000, \"indices\": [0, 7]}, with the scene's number of splats";
 
+/// Number of bytes at the start of a file in which a selection is recognised.
+const HEAD_BYTES: u64 = 4096;
 /// Maximum size of a selection file without its indices, in bytes.
 const MAX_FRAME_BYTES: u64 = 1 << 20;
 /// Maximum size of an index in a selection file, with the comma and the indentation, in bytes.
@@ -98,6 +101,14 @@ impl SplatSet {
     pub fn to_json(&self, scene: &Scene) -> serde_json::Result<String> {
         let (splats, identity) = (scene.count(), text::hex(scene.identity()));
         serde_json::to_string(&SelectionFile { splats, scene: Some(identity), indices: self.indices() })
+    }
+
+    /// Returns true if a file begins like a selection: with an object that has the key `indices`.
+    pub fn begins_in(path: &Path) -> bool {
+        let mut head = Vec::new();
+        let read = file::open(path).and_then(|file| file.take(HEAD_BYTES).read_to_end(&mut head));
+        let head = String::from_utf8_lossy(&head);
+        read.is_ok() && head.trim_start().starts_with('{') && head.contains("\"indices\"")
     }
 
     /// Reads a selection file of a scene.

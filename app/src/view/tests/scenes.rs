@@ -9,6 +9,7 @@ use egui::{Key, Modifiers};
 use splatgraph_assets::Camera;
 use splatgraph_null::Config;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 #[test]
 fn a_scene_is_opened_by_its_contents_whatever_its_name() {
@@ -185,5 +186,33 @@ fn cameras_that_the_user_named_stay_with_other_scenes_and_undo_restores_replaced
     assert_eq!(names(&mut script), "a b");
     undo(&mut script, &first);
     assert_eq!(names(&mut script), "a b");
+    script.close(&[]);
+}
+
+#[test]
+fn a_selection_file_that_is_opened_selects_its_splats_unless_it_is_of_another_scene() {
+    let mut script = Script::open(&Config::default());
+    script.settle();
+    let hidden: Arc<SplatSet> = SplatSet::from_iter([7]).into();
+    script.viewer().set_marks(RendererId::A, Marks { hidden: hidden.clone(), ..Marks::default() });
+    script.frame(false);
+    let text = SplatSet::from_iter([3, 7, 99]).to_json(script.viewer().loaded(RendererId::A)).expect("JSON");
+    script.write("some.json", text);
+    let file = script.path("some.json");
+    script.viewer().open(&file);
+    let marks = Marks { selected: SplatSet::from_iter([3, 99]).into(), hidden };
+    script.until("the selection", |script| *script.viewer().marks(RendererId::A) == marks);
+    for (text, expected) in [
+        ("{\"splats\": 200, \"indices\": [0]}", "expected a selection of 100 splats, found one of 200"),
+        ("{\"splats\": 100, \"indices\": [0, 100]}", "indices: expected numbers below 100, found 100"),
+    ] {
+        script.write("some.json", text);
+        script.viewer().open(&file);
+        let told = |event: &Event| matches!(event, Event::Problem { text } if text.contains(expected));
+        script.until(expected, |script| script.has_event(told));
+    }
+    assert_eq!(*script.viewer().marks(RendererId::A), marks);
+    script.press(Key::Z, Modifiers::COMMAND);
+    assert!(script.viewer().marks(RendererId::A).selected.is_empty());
     script.close(&[]);
 }

@@ -346,9 +346,9 @@ impl Viewer {
         self.open_in(RendererId::A, path);
     }
 
-    /// Opens a scene or a graph in viewport `id`, or replaces the viewer's cameras. A `.ron` file that is no list of
-    /// scenes is a graph, a `.json` file without a scene's header has cameras, and any other file is a scene, loaded on
-    /// another thread. Failures become events.
+    /// Opens a scene or a graph in viewport `id`, selects its splats, or replaces the viewer's cameras. A `.ron` file
+    /// that is no list of scenes is a graph, a `.json` file without a scene's header is a selection or has cameras, and
+    /// any other file is a scene, loaded on another thread. Failures become events.
     pub fn open_in(&mut self, id: RendererId, path: &Path) {
         let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         match ending.as_str() {
@@ -357,6 +357,9 @@ impl Viewer {
             }
             // SOG and glTF scenes can also be `.json` files.
             "json" if self.opening.load.header(path).is_err() => {
+                if SplatSet::begins_in(path) {
+                    return self.select_from(id, path);
+                }
                 self.open_cameras_as(CameraRole::Selectable, path);
             }
             _ => self.open_scene_in(id, path),

@@ -3,7 +3,7 @@
 use super::Viewer;
 use super::subject::{Combine, Marks, Part, Search, Subject};
 use crate::draw::select::{Reach, Region, select};
-use crate::draw::splat_set::Masked;
+use crate::draw::splat_set::{Masked, SplatSet};
 use crate::view::events::{Event, RendererId};
 use crate::view::export::Written;
 use crate::view::opening;
@@ -58,6 +58,19 @@ impl Viewer {
         }
         subject.searches.push_back(search);
         self.search(id);
+    }
+
+    /// Reads a selection file on another thread, and selects its splats that are not hidden. Cancels all searches.
+    pub(super) fn select_from(&mut self, id: RendererId, path: &Path) {
+        let subject = self.subject_mut(id);
+        subject.cancel_searches();
+        let (scene, path) = (subject.whole.clone(), path.to_owned());
+        let work = move |_: &(dyn Fn() -> bool + Sync)| {
+            Some(SplatSet::read(&path, &scene).map(|found| (Combine::Replace, found)))
+        };
+        if let Err(text) = subject.finder.start(work) {
+            self.events.push(Event::Problem { text });
+        }
     }
 
     pub(in crate::view) fn cancel_searches(&mut self, id: RendererId) {

@@ -42,7 +42,7 @@ impl Dialog {
             return Ok(());
         }
         let (title, filter, endings) = match cameras {
-            None => ("Open a scene, a graph or cameras", "Scenes, graphs and cameras", openable()),
+            None => ("Open a scene, a graph, cameras or a selection", "Files of the viewer", openable()),
             Some(_) => ("Open cameras", "Cameras", vec!["json"]),
         };
         let mut dialog = AsyncFileDialog::new()
