@@ -1,7 +1,7 @@
 //! Undoes and redoes the user's changes.
 //!
-//! These are changes of scene, selectable cameras, selected and hidden splats, graphs, parameters, comparison,
-//! background, resolution, saved views and camera path.
+//! These are changes of scene, selectable cameras, selected and hidden splats, up direction, graphs, parameters,
+//! comparison, background, resolution, saved views and camera path.
 //!
 //! After each frame, the viewer's [`Settings`] are compared with the previous frame's. A change becomes a step once no
 //! mouse button is held. Changes by the program itself, such as dropping a parameter that a new graph lacks, become
@@ -27,6 +27,8 @@ pub struct Settings {
     cameras: CameraList,
     /// Selected and hidden splats of A's and of B's scene.
     marks: [Marks; 2],
+    /// Up directions that the user chose for A's and B's scene.
+    up: [Option<[f64; 3]>; 2],
     a: Choice,
     b: Option<Choice>,
     compare: Mode,
@@ -41,15 +43,11 @@ impl Settings {
     pub fn of(viewer: &Viewer) -> Settings {
         let own = viewer.has_two_scenes().then(|| viewer.scene_path_of(RendererId::B));
         let other = viewer.loading(RendererId::B).or(own);
-        let marks = |id| match viewer.loading(id) {
-            Some(_) => viewer.restored(id),
-            None => viewer.marks(id).clone(),
-        };
+        let (marks_a, up_a) = viewer.marks_and_up(RendererId::A);
+        let (marks_b, up_b) = other.map(|_| viewer.marks_and_up(RendererId::B)).unwrap_or_default();
         Settings {
-            marks: [
-                marks(RendererId::A),
-                if other.is_some() { marks(RendererId::B) } else { Marks::default() },
-            ],
+            marks: [marks_a, marks_b],
+            up: [up_a, up_b],
             scene: viewer.loading(RendererId::A).unwrap_or(viewer.scene_path()).to_owned(),
             other: other.map(Path::to_owned),
             cameras: viewer.camera_list().clone(),
@@ -85,15 +83,16 @@ impl Settings {
             Some(path) => viewer.open_scene_in(RendererId::B, path),
             None => viewer.share_scene(),
         }
-        for (id, marks) in [RendererId::A, RendererId::B].into_iter().zip(&self.marks) {
+        for ((id, marks), up) in [RendererId::A, RendererId::B].into_iter().zip(&self.marks).zip(self.up) {
             let own = id == RendererId::A || viewer.has_two_scenes();
             // A scene that is loaded again carries its marks over.
             let is_other = viewer.loading(id).is_some_and(|path| !viewer.reloads(id, path));
             if is_other {
-                viewer.restore_marks(id, marks.clone());
+                viewer.restore_later(id, marks.clone(), up);
             } else if own {
                 viewer.cancel_searches(id);
                 viewer.set_marks(id, marks.clone());
+                viewer.restore_up(id, up);
             }
         }
         if now.compare != self.compare {
@@ -122,6 +121,8 @@ impl Settings {
             parts.push("scene".to_owned());
         } else if self.cameras != other.cameras {
             parts.push("cameras".to_owned());
+        } else if self.up != other.up {
+            parts.push("up direction".to_owned());
         }
         let differs =
             |of: fn(&Marks) -> &SplatSet| (0..2).any(|id| of(&self.marks[id]) != of(&other.marks[id]));
@@ -269,6 +270,7 @@ mod tests {
             other: None,
             cameras: CameraList::default(),
             marks: [Marks::default(), Marks::default()],
+            up: [None; 2],
             scene: "scene.ply".into(),
             a: Choice { graph: graph.to_owned(), set },
             b: None,

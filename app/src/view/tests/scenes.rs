@@ -216,3 +216,31 @@ fn a_selection_file_that_is_opened_selects_its_splats_unless_it_is_of_another_sc
     assert!(script.viewer().marks(RendererId::A).selected.is_empty());
     script.close(&[]);
 }
+
+#[test]
+fn undo_restores_the_up_direction_also_with_a_replaced_scene() {
+    let mut script = Script::open(&Config::default());
+    script.settle();
+    let up = |script: &mut Script| {
+        let viewer = script.viewer();
+        (viewer.marks_and_up(RendererId::A).1, viewer.navigation.up().to_array())
+    };
+    let opened = up(&mut script);
+    let upright = (Some([0.0, 0.0, 1.0]), [0.0, 0.0, 1.0]);
+    assert!(opened.0.is_none() && opened.1 != upright.1);
+    script.viewer().show_upright(upright.0);
+    script.frame(false);
+    let (first, second) = (script.path("first.ply"), script.path("second.ply"));
+    script.viewer().open(&second);
+    script.until("the scene", |script| script.viewer().scene_path() == second);
+    script.frame(false);
+    assert_eq!(up(&mut script).0, None);
+    script.press(Key::Z, Modifiers::COMMAND);
+    script.until("the first scene", |script| script.viewer().scene_path() == first);
+    assert_eq!(up(&mut script), upright);
+    script.press(Key::Z, Modifiers::COMMAND);
+    assert_eq!(up(&mut script), opened);
+    script.press(Key::Z, Modifiers::COMMAND | Modifiers::SHIFT);
+    assert_eq!(up(&mut script), upright);
+    script.close(&[]);
+}

@@ -106,6 +106,16 @@ impl Viewer {
         self.navigation.set_camera(&camera);
     }
 
+    /// Restores the up direction that the user chose for a viewport's scene. Another one for A's scene turns the view
+    /// upright; see [`Viewer::show_upright`].
+    pub(in crate::view) fn restore_up(&mut self, id: RendererId, up: Option<[f64; 3]>) {
+        match id {
+            _ if self.subject_of(id).up == up => {}
+            RendererId::B => self.subject_mut(id).up = up,
+            RendererId::A | RendererId::Window => self.show_upright(up),
+        }
+    }
+
     /// Returns the camera for a viewport's pictures of this size. It is converted to world coordinates and back, which
     /// rounds it if the scene is far from the world's origin. A command that reads the camera from a file thus draws
     /// exactly the same picture.

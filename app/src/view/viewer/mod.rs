@@ -109,8 +109,8 @@ pub struct Viewer {
     picker: Latest<Picked>,
     /// Position of the splat that was selected before the last pick, in world coordinates.
     picked_before: Option<[f64; 3]>,
-    /// Marks to apply to the scenes that are being loaded for A and B.
-    restored: [Option<Marks>; 2],
+    /// Marks and up directions of the scenes that are being loaded for A and B.
+    restored: [Option<(Marks, Option<[f64; 3]>)>; 2],
     /// Paths of scenes, with their hidden splats that were in no file when another scene was opened.
     left: Vec<(PathBuf, Arc<SplatSet>)>,
     /// Scenes that were loaded again with other splats or other indices; see [`Viewer::take_reindexed`].

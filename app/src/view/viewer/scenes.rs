@@ -192,12 +192,14 @@ impl Viewer {
                 }
                 let reloads = self.reloads(id, &path);
                 let mut subject = Subject::new(scene, path, self.wake.clone());
-                if reloads {
-                    subject.up = self.subject_of(id).up;
-                }
-                if let Some(marks) = self.marks_for(id, &subject)
-                    && let Err(text) = subject.set_marks(marks)
-                {
+                let restored = self.restored[opening::index(id)].take();
+                let (marks, up) = match restored {
+                    Some(restored) => restored,
+                    None if reloads => (self.carried_marks(id, &subject), self.subject_of(id).up),
+                    None => Default::default(),
+                };
+                subject.up = up;
+                if let Err(text) = subject.set_marks(marks) {
                     self.events.push(Event::Problem { text });
                 }
                 if self.picked_in == id || !self.has_two_scenes() {
@@ -257,13 +259,9 @@ impl Viewer {
         self.loading(RendererId::A).is_some_and(|path| !self.reloads(RendererId::A, path))
     }
 
-    /// Returns the marks for a newly loaded scene: restored ones, or those of a scene that was loaded again. Otherwise
-    /// `None`. Reports marks that were dropped, and records reindexed scenes.
-    fn marks_for(&mut self, id: RendererId, subject: &Subject) -> Option<Marks> {
-        let restored = self.restored[opening::index(id)].take();
-        if restored.is_some() || !self.reloads(id, &subject.path) {
-            return restored;
-        }
+    /// Returns the marks for a scene that was loaded again. Reports marks that were dropped, and records reindexed
+    /// scenes.
+    fn carried_marks(&mut self, id: RendererId, subject: &Subject) -> Marks {
         let former = self.subject_of(id);
         let (marks, lost) = former.carried_marks(subject);
         let (before, now) = (former.parts(), subject.parts());
@@ -272,7 +270,7 @@ impl Viewer {
         self.reindexed.extend(reindexed.then(|| subject.path.clone()));
         let problems = lost.iter().map(|lost| Event::Problem { text: lost.to_string() });
         self.events.extend(problems);
-        Some(marks)
+        marks
     }
 
     /// Returns true if the viewport's own scene is that at `path`: loading it again keeps the view and the marks. False
@@ -308,12 +306,15 @@ impl Viewer {
         let is_same = !list.cameras().is_empty() && list == self.camera_list && !is_later;
         if is_same && overlap(&subject.whole, &self.subject.whole) {
             self.replace_subject(subject);
-            return;
+        } else {
+            self.navigation = subject.navigation(subject.scene.up());
+            self.path.set_radian(camera_path::length_of_radian(&subject.scene));
+            self.subject = subject;
+            self.set_cameras(list);
         }
-        self.navigation = subject.navigation(subject.scene.up());
-        self.path.set_radian(camera_path::length_of_radian(&subject.scene));
-        self.subject = subject;
-        self.set_cameras(list);
+        if let Some(up) = self.subject.up {
+            self.set_up(up);
+        }
     }
 }
 

@@ -157,17 +157,18 @@ impl Viewer {
         self.exporter.progress()
     }
 
-    /// Keeps `marks` for the scene that is being loaded for a viewport.
-    pub(in crate::view) fn restore_marks(&mut self, id: RendererId, marks: Marks) {
-        self.restored[opening::index(id)] = Some(marks);
+    /// Keeps marks and the up direction for the scene that is being loaded for a viewport.
+    pub(in crate::view) fn restore_later(&mut self, id: RendererId, marks: Marks, up: Option<[f64; 3]>) {
+        self.restored[opening::index(id)] = Some((marks, up));
     }
 
-    /// Returns the marks for the scene that is being loaded for a viewport; a changed file may lose them.
-    pub(in crate::view) fn restored(&self, id: RendererId) -> Marks {
-        match &self.restored[opening::index(id)] {
-            Some(marks) => marks.clone(),
-            None if self.loading(id).is_some_and(|path| self.reloads(id, path)) => self.marks(id).clone(),
-            None => Marks::default(),
+    /// Returns the marks and the up direction of a viewport's scene, also while it is being loaded; a changed file may
+    /// lose the marks.
+    pub(in crate::view) fn marks_and_up(&self, id: RendererId) -> (Marks, Option<[f64; 3]>) {
+        match (self.loading(id), &self.restored[opening::index(id)]) {
+            (Some(_), Some(restored)) => restored.clone(),
+            (Some(path), None) if !self.reloads(id, path) => Default::default(),
+            _ => (self.marks(id).clone(), self.subject_of(id).up),
         }
     }
 
