@@ -50,7 +50,7 @@ impl Renderer {
         self.stalled = None;
         self.pending_swap = None;
         self.build = BuildState::default();
-        self.size = (0, 0);
+        (self.size, self.scene) = ((0, 0), None);
         self.whole = None;
         self.state = LastGood::new();
         self.want(Cause::Device, Instant::now());

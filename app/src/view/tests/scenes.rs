@@ -1,13 +1,14 @@
 //! Tests the scenes of A and B, with their cameras and their picked, selected and hidden splats, on the null device.
 
 use super::script::Script;
+use crate::draw::backend::Backend;
 use crate::draw::splat_set::SplatSet;
 use crate::view::events::{Event, RendererId};
 use crate::view::paint::Mode;
 use crate::view::viewer::Marks;
 use egui::{Key, Modifiers};
 use splatgraph_assets::Camera;
-use splatgraph_null::Config;
+use splatgraph_null::{Config, Fault, Point};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -243,4 +244,24 @@ fn undo_restores_the_up_direction_also_with_a_replaced_scene() {
     script.press(Key::Z, Modifiers::COMMAND | Modifiers::SHIFT);
     assert_eq!(up(&mut script), upright);
     script.close(&[]);
+}
+
+#[test]
+fn a_released_viewer_draws_no_scene_and_a_device_without_a_context_for_b_drops_its_scene() {
+    let device = |faults| splatgraph_null::open(&Config { faults, ..Config::default() });
+    let (first, journal) = device(Vec::new());
+    drop(first);
+    let last = Fault { point: Point::Create, after: journal.reached(Point::Create) };
+    let mut script = Script::open(&Config::default());
+    script.viewer().choose_compare(Mode::Split);
+    let second = script.path("second.ply");
+    script.viewer().open_scene_in(RendererId::B, &second);
+    script.settle();
+    let viewer = script.viewer();
+    assert!(viewer.has_two_scenes() && viewer.a.renderer.draws(viewer.scene()));
+    viewer.release();
+    assert!(!viewer.a.renderer.draws(viewer.scene()));
+    let device = Backend::Null(device(vec![last]).0.expect("the device opens"));
+    viewer.give(device).expect_err("no context for B");
+    assert!(viewer.b.is_none() && !viewer.has_two_scenes());
 }

@@ -513,7 +513,7 @@ impl Viewer {
     /// Continues on another device after [`Viewer::release`]. Forgets the copy limit.
     ///
     /// # Errors
-    /// A context for B cannot be created; B is then dropped.
+    /// A context for B cannot be created; B is then dropped, with its scene.
     pub fn give(&mut self, device: Backend) -> Result<(), BackendError> {
         // The copy limit must be measured again on the new device.
         (self.copy_limit, self.copying) = (None, None);
@@ -524,6 +524,7 @@ impl Viewer {
             (_, Ok(_)) => {}
             (_, Err(error)) => {
                 (self.b, self.compare) = (None, Mode::A);
+                self.share_scene();
                 return Err(error);
             }
         }
