@@ -168,8 +168,8 @@ impl SceneHeader {
         open(path, |source, path| Self::of(source, path, level), |_, _| Ok(()))
     }
 
-    /// Reads the headers of the parts of the composition at `path`, each file once. A mesh has 0 splats. Fails if a `level` is requested
-    /// and no part has levels.
+    /// Reads the headers of the parts of the composition at `path`, each file once. A mesh has 0 splats. Fails if a
+    /// `level` is requested and no part has levels.
     fn of_parts(path: &Path, parts: &[Placed], level: Option<u32>) -> Result<Vec<Self>, LoadError> {
         let (mut known, mut has_levels) = (HashMap::new(), false);
         let mut header = |part: &Placed| {

@@ -95,8 +95,8 @@ pub fn check(cameras: &[Camera]) -> Result<(), StudyError> {
 /// once.
 ///
 /// # Errors
-/// The path cannot be measured or shows no splat, an exact picture does not fit in memory, a graph has errors, its pictures cannot be
-/// scored, the device fails, or the listener cancels.
+/// The path cannot be measured or shows no splat, an exact picture does not fit in memory, a graph has errors, its
+/// pictures cannot be scored, the device fails, or the listener cancels.
 pub fn study(
     subject: &Subject,
     variants: &[Setting],
