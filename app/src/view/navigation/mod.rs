@@ -7,7 +7,7 @@
 //! |---|---|
 //! | drag (left or middle button), arrow keys | orbit about the pivot, as on a turntable: the horizon keeps its tilt |
 //! | Shift + drag | pan: points at the pivot's depth follow the pointer |
-//! | scroll, Ctrl + drag up and down | zoom: move to or from the pivot, never through it; orthographic: change the scale |
+//! | scroll, Ctrl + drag up and down | zoom to or from the pivot, never through it; orthographic: change the scale |
 //! | hold the right button | fly: look around; W A S D, E up, Q down; Shift faster, Ctrl slower, scroll for the speed |
 //! | double click, F | frame the scene, seen from the same direction |
 //! | Home | return to the first camera |
