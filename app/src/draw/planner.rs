@@ -207,17 +207,15 @@ impl Planner {
     }
 
     /// Lists the names of the settings in `set` that `graph` rejects; see [`lower::rejected_settings`].
-    ///
-    /// # Errors
-    /// The graph or its parameters have errors, or its requirements are not met.
     pub fn rejected_settings(
         &mut self,
         graph: &str,
         set: &[(String, String)],
         facts: &Facts,
         catalog: &Catalog,
-    ) -> Result<Vec<String>, GraphErrors> {
-        self.ask((graph, set), facts, catalog, lower::rejected_settings)
+    ) -> Vec<String> {
+        let ask = |request: &Request, files: &mut SourceMap| Ok(lower::rejected_settings(request, files));
+        self.ask((graph, set), facts, catalog, ask).unwrap_or_default()
     }
 
     /// Drops the cached files, so that the next plan reads them again. Unchanged shaders are not recompiled.

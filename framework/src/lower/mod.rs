@@ -185,12 +185,12 @@ pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec
 /// Lists the names of a request's settings that its graph rejects. Their parameter is unknown, or its type or range
 /// excludes the value. The range may depend on other settings; rejected settings are ignored there.
 ///
-/// # Errors
-/// Those of [`lower`] about the graph's files, parameters and requirements.
-pub fn rejected_settings(request: &Request, files: &mut SourceMap) -> Result<Vec<String>, Vec<Diagnostic>> {
+/// Ignores errors of the graph, which [`lower`] reports.
+pub fn rejected_settings(request: &Request, files: &mut SourceMap) -> Vec<String> {
     let mut rejected = Vec::new();
-    Root::open(request, files, &mut Choices::new(request), &mut Known::default(), Some(&mut rejected))?;
-    Ok(rejected)
+    let _ =
+        Root::open(request, files, &mut Choices::new(request), &mut Known::default(), Some(&mut rejected));
+    rejected
 }
 
 /// The names that a graph's expressions can use, with values: facts, constant parameters and `let`s.

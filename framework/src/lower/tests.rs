@@ -422,13 +422,16 @@ fn the_settings_that_a_graph_rejects_are_listed_and_do_not_count_for_the_ranges_
             "rows": Const(Int(default: 2, range: (1, "width"))),
             "cutoff": Live(Float(default: 1.0, range: (0.0, 2.0))),
         })"#;
-    let rejected = |set: &[(&str, &str)]| {
-        let found = asked(&[("graph.ron", graph)], set, &[], super::rejected_settings);
-        found.expect("the graph itself is sound")
+    let rejected_by = |graph: &str, set: &[(&str, &str)]| {
+        asked(&[("graph.ron", graph)], set, &[], super::rejected_settings)
     };
+    let rejected = |set: &[(&str, &str)]| rejected_by(graph, set);
     assert!(rejected(&[("width", "4"), ("rows", "4"), ("cutoff", "2")]).is_empty());
     assert_eq!(rejected(&[("rows", "8"), ("width", "12"), ("wdth", "4"), ("wdth", "5")]), ["wdth", "width"]);
     assert_eq!(rejected(&[("width", "4"), ("rows", "8"), ("cutoff", "high")]), ["rows", "cutoff"]);
+    // A mistake in the graph hides none of them.
+    let mistaken = graph.replace("default: 1.0", "default: 3.0");
+    assert_eq!(rejected_by(&mistaken, &[("width", "12"), ("wdth", "4")]), ["wdth", "width"]);
 }
 
 #[test]

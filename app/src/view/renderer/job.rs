@@ -74,7 +74,8 @@ fn build(planner: &mut Planner, cancel: &Cancel, job: Job) -> Built {
             (facts::without_scene(&device, inputs.size), catalog)
         }
     };
-    if !strict && let Ok(rejected) = planner.rejected_settings(&graph, &set, &facts, &catalog) {
+    if !strict {
+        let rejected = planner.rejected_settings(&graph, &set, &facts, &catalog);
         set.retain(|(name, _)| !rejected.contains(name));
     }
     let plan = planner.plan(&graph, &set, &facts, &catalog);

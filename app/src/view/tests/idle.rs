@@ -227,6 +227,12 @@ fn a_setting_that_an_edit_excludes_is_dropped_with_the_reason_once_the_graph_bui
     assert_eq!(digits(&mut script), ("5".to_owned(), Some("5".to_owned())));
     assert_eq!(save(&mut script, "digits", "figures"), ["A: this graph has no parameter digits"]);
     assert_eq!(script.viewer().a.renderer.set()["shade"], "0.25", "other settings stay");
+    // A later mistake in a declaration is reported alone.
+    assert!(
+        save(&mut script, "\"digits\": Const(Int(default: 4", "\"figures\": Const(Int(default: 9").is_empty()
+    );
+    let failure = script.viewer().a.renderer.failure().expect("an error").text(false);
+    assert!(failure.contains("figures") && !failure.contains("--set"), "{failure}");
     // A reset overrides the setting that was dropped earlier, which is not restored.
     script.viewer().a.renderer.reset_params();
     assert!(save(&mut script, "digits", "digits").is_empty());
