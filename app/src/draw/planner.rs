@@ -3,9 +3,9 @@
 use crate::draw::builtin;
 use crate::draw::capacity::Capacities;
 use splatgraph_framework::build_candidate;
-use splatgraph_framework::ir::{Catalog, Facts, FileId, OUTPUTS, Origin, Request, Span, Value};
+use splatgraph_framework::ir::{Catalog, Facts, FileId, OUTPUTS, Origin, Request, Shader, Span, Value, Work};
 use splatgraph_framework::lower::{self, Control, no_output};
-use splatgraph_framework::plan::Plan;
+use splatgraph_framework::plan::{Plan, Warning};
 use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::shader::{Cancel, Glslang, SpirvStore, Worker};
 use splatgraph_framework::source::{Diagnostic, Kind, Library, SourceMap, render_warnings};
@@ -176,6 +176,34 @@ impl Planner {
         let is_inside = |c: &char| !c.is_whitespace() && !"\",:(".contains(*c);
         let length = text[start..].chars().take_while(is_inside).map(char::len_utf8).sum::<usize>();
         Some(Span::new(file, start..start + length.max(1)))
+    }
+
+    /// Adds warnings about dispatches that devices with several subgroup sizes refuse.
+    ///
+    /// Such a device must run a shader with the plan's size. A pipeline can request it only if the size of its
+    /// workgroups in x is a multiple of it.
+    pub fn warn_of_subgroups(&self, plan: &mut Plan) {
+        let Some(&Value::Int(lanes)) = plan.facts.get("device.subgroup_size") else { return };
+        let mut found: Vec<Warning> = Vec::new();
+        for pass in &plan.passes {
+            let Work::Dispatch { shader, .. } = pass.work else { continue };
+            let Shader { name, reflection, .. } = &plan.shaders[shader.index()];
+            let [x, y, z] = reflection.local_size;
+            let is_certain = !reflection.has_subgroups() || i64::from(x) % lanes.max(1) == 0;
+            // The iterations of a repeat have one origin.
+            if is_certain || found.iter().any(|other| other.origin == pass.origin) {
+                continue;
+            }
+            let message = format!("`{name}` uses subgroup operations in workgroups of {x} x {y} x {z}");
+            let label = "devices with several subgroup sizes may refuse this";
+            let diagnostic = self.token_at(&pass.origin).map(|span| Diagnostic::new(message, span, label));
+            let help = "let `local_size_x` be a multiple of `DEVICE_SUBGROUP_SIZE`";
+            found.extend(diagnostic.map(|diagnostic| Warning {
+                diagnostic: diagnostic.with_help(help),
+                origin: pass.origin.clone(),
+            }));
+        }
+        plan.warnings.extend(found);
     }
 
     /// Renders the warnings about a plan with the source text; empty if there are none.

@@ -361,10 +361,11 @@ impl Checked<'_> {
     fn verified(
         &mut self,
         planner: &Planner,
-        plan: Plan,
+        mut plan: Plan,
         lanes: &str,
         warn: &mut dyn FnMut(Warning),
     ) -> Result<String, String> {
+        planner.warn_of_subgroups(&mut plan);
         let warnings = planner.warnings(&plan, colour());
         if !warnings.is_empty() && !self.warned.contains(&warnings) {
             let text = format!("{}\n", warnings.trim_end());

@@ -147,6 +147,41 @@ fn a_graph_that_needs_more_than_the_smallest_device_is_no_error_and_all_else_is_
 }
 
 #[test]
+fn subgroups_that_are_wider_than_the_workgroup_give_one_warning_for_all_devices() {
+    let folder = folder(&[("graph.ron", &graph("", "good.comp", "8, 8"))]);
+    let path = folder.path().join("graph.ron").display().to_string();
+    let widths = facts::SUBGROUP_SIZES.map(smallest);
+    let warnings = |graph: &str, devices: &[Target]| {
+        let mut found = Vec::new();
+        let mut warn = |warning| {
+            if let Warning::Plan { plain, .. } = warning {
+                found.extend(plain);
+            }
+        };
+        right(check(&mut Planner::default(), graph, &[], 1000, On::Smallest(devices), &mut warn));
+        found
+    };
+    let with_size = |local_size: &str, devices: &[Target]| {
+        let text = format!(
+            "#version 460\n#extension GL_KHR_shader_subgroup_arithmetic : require\nlayout({local_size}) in;\n\
+             layout(set = 0, binding = 0, rgba8) writeonly uniform image2D image;\n\
+             void main() {{ imageStore(image, ivec2(0), vec4(subgroupAdd(1.0))); }}\n"
+        );
+        std::fs::write(folder.path().join("good.comp"), text).expect("writable");
+        warnings(&path, devices)
+    };
+    let square = "local_size_x = 8, local_size_y = 8";
+    let found = with_size(square, &widths);
+    let message = "`good.comp` uses subgroup operations in workgroups of 8 x 8 x 1";
+    assert!(matches!(&found[..], [only] if only.message == message && only.line == 3), "{found:?}");
+    assert!(with_size(square, &widths[..2]).is_empty());
+    assert!(with_size("local_size_x = 128", &widths).is_empty());
+    for graph in ["splat", "tiled", "tiled_cpu"] {
+        assert!(warnings(graph, &widths).is_empty(), "{graph}");
+    }
+}
+
+#[test]
 fn errors_of_every_graph_of_a_choice_are_found_and_a_fallback_is_fine() {
     let choice = |of: &str| format!("Choice(summary: \"\", of: [{of}])");
     let folder = folder(&[
