@@ -34,7 +34,7 @@ pub fn catalogue() -> Vec<(Target, &'static str)> {
     vec![
         device(
             "lavapipe",
-            with(limits(8, 1 << 27, 1024, 32), stores | Features::INT64),
+            with(limits(8, 1 << 27, 1024, 32), stores | Features::INT64 | Features::FLOAT64),
             None,
             "Mesa 22.3, on a CPU with vectors of 256 bits",
         ),
@@ -170,6 +170,8 @@ mod tests {
             let read = from_json("x.json", all.to_string().as_bytes()).expect("facts and features");
             assert_eq!(read.facts.features, Features::all());
         }
+        let lavapipe = find("lavapipe").expect("a name").expect("a device");
+        assert!(lavapipe.facts.features.contains(Features::FLOAT64));
     }
 
     #[test]
