@@ -55,7 +55,7 @@ impl Linker<'_> {
             let message = format!("the device has at most {most} targets in a draw");
             self.error(message, *span, format!("this draw has {}", targets.len()));
         }
-        let mut size = None;
+        let mut first = None;
         for (i, (target, span)) in targets.iter().zip(&pass.target_spans).enumerate() {
             let image = self.resource(target.image).clone();
             let Shape::Image { width, height, format } = image.shape else {
@@ -82,8 +82,12 @@ impl Linker<'_> {
             if targets[..i].iter().any(|t| t.image == target.image) {
                 self.error(format!("`{}` is a target twice", image.name), *span, "the second time");
             }
-            if *size.get_or_insert((width, height)) != (width, height) {
-                self.error("the targets of a pass must have the same size", *span, describe(&image));
+            let (size, first_span, text) =
+                first.get_or_insert_with(|| ((width, height), *span, describe(&image)));
+            if *size != (width, height) {
+                let message = "the targets of a pass must have the same size";
+                let error = Diagnostic::new(message, *span, describe(&image));
+                self.errors.push(error.with_label(*first_span, text.clone()));
             }
             // A cleared target is only written: blending reads what this pass cleared or drew.
             let (accesses, discards) = match target.load {
@@ -116,9 +120,9 @@ impl Linker<'_> {
             if let Shape::Image { width: w, height: h, .. } = target.shape
                 && (w, h) != (width, height)
             {
-                let label = describe(&found);
                 let message = "the depth image of a draw must have the size of its targets";
-                self.error(message, span, label);
+                let error = Diagnostic::new(message, span, describe(&found));
+                self.errors.push(error.with_label(pass.target_spans[0], describe(target)));
                 return;
             }
         }
