@@ -268,7 +268,7 @@ impl fmt::Display for Report {
                 decimals(s.largest.into()),
                 s.largest,
                 grouped(s.oversized),
-                decimals(s.robust_extent.into()),
+                decimals(s.robust_extent),
                 s.robust_extent
             ),
         )?;
