@@ -6,7 +6,7 @@
 use crate::draw::camera::{CAMERA, CAMERA_BYTES};
 use crate::draw::keys;
 use splatgraph_assets::{ATTRIBUTES, Filter, MESH_ATTRIBUTES, Scene, SortKey, Splat};
-use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Features, Value};
+use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, FEATURE_FACTS, Facts, Features, Value};
 use std::collections::BTreeMap;
 
 /// Default width and height of a picture, in pixels.
@@ -184,20 +184,11 @@ pub fn set_device_fact(device: &mut DeviceFacts, name: &str, value: &Value) -> R
         Value::Bool(truth) => Ok(*truth),
         _ => Err(format!("expected true or false for `{name}`, found {value}")),
     };
-    let feature = match name {
-        "device.int64" => Features::INT64,
-        "device.fragment_stores" => Features::FRAGMENT_STORES,
-        "device.vertex_stores" => Features::VERTEX_STORES,
-        "device.float64" => Features::FLOAT64,
-        "device.subgroup_arithmetic" => Features::SUBGROUP_ARITHMETIC,
-        "device.subgroup_ballot" => Features::SUBGROUP_BALLOT,
-        "device.subgroup_shuffle" => Features::SUBGROUP_SHUFFLE,
-        "device.subgroup_uniform_control_flow" => Features::SUBGROUP_UNIFORM_CONTROL_FLOW,
-        "device.subgroup_vote" => Features::SUBGROUP_VOTE,
-        _ => Features::empty(),
-    };
+    if let Some((_, feature)) = FEATURE_FACTS.iter().find(|(fact, _)| *fact == name) {
+        device.features.set(*feature, truth()?);
+        return Ok(());
+    }
     match name {
-        _ if !feature.is_empty() => device.features.set(feature, truth()?),
         "device.subgroup_size" => {
             let lanes = short()?;
             if !SUBGROUP_SIZES.contains(&lanes) {

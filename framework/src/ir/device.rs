@@ -4,6 +4,19 @@ use serde::{Serialize, Serializer};
 
 use super::{Features, Value};
 
+/// The features that graphs can read as facts, by the fact's name.
+pub const FEATURE_FACTS: [(&str, Features); 9] = [
+    ("device.float64", Features::FLOAT64),
+    ("device.fragment_stores", Features::FRAGMENT_STORES),
+    ("device.int64", Features::INT64),
+    ("device.subgroup_arithmetic", Features::SUBGROUP_ARITHMETIC),
+    ("device.subgroup_ballot", Features::SUBGROUP_BALLOT),
+    ("device.subgroup_shuffle", Features::SUBGROUP_SHUFFLE),
+    ("device.subgroup_uniform_control_flow", Features::SUBGROUP_UNIFORM_CONTROL_FLOW),
+    ("device.subgroup_vote", Features::SUBGROUP_VOTE),
+    ("device.vertex_stores", Features::VERTEX_STORES),
+];
+
 /// Device limits and features that graphs and the linker use; 0 and absent by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceFacts {
@@ -64,28 +77,21 @@ impl DeviceFacts {
     }
 
     /// Lists the facts that graphs can read, with their names, in alphabetical order.
-    pub fn named(&self) -> [(&'static str, Value); 17] {
+    pub fn named(&self) -> Vec<(&'static str, Value)> {
         let bytes = i64::try_from(self.max_storage_bytes).unwrap_or(i64::MAX);
-        let has = |feature| Value::Bool(self.features.contains(feature));
-        [
-            ("device.float64", has(Features::FLOAT64)),
-            ("device.fragment_stores", has(Features::FRAGMENT_STORES)),
+        let mut all = vec![
             ("device.fused_fma", Value::Bool(self.fused_fma)),
-            ("device.int64", has(Features::INT64)),
             ("device.max_groups_x", Value::Int(self.max_groups_x.into())),
             ("device.max_image_size", Value::Int(self.max_image_size.into())),
             ("device.max_invocations", Value::Int(self.max_invocations.into())),
             ("device.max_storage_bytes", Value::Int(bytes)),
             ("device.rounds_half", Value::Bool(self.rounds_half)),
             ("device.shared_bytes", Value::Int(self.shared_bytes.into())),
-            ("device.subgroup_arithmetic", has(Features::SUBGROUP_ARITHMETIC)),
-            ("device.subgroup_ballot", has(Features::SUBGROUP_BALLOT)),
-            ("device.subgroup_shuffle", has(Features::SUBGROUP_SHUFFLE)),
             ("device.subgroup_size", Value::Int(self.subgroup_size.into())),
-            ("device.subgroup_uniform_control_flow", has(Features::SUBGROUP_UNIFORM_CONTROL_FLOW)),
-            ("device.subgroup_vote", has(Features::SUBGROUP_VOTE)),
-            ("device.vertex_stores", has(Features::VERTEX_STORES)),
-        ]
+        ];
+        all.extend(FEATURE_FACTS.map(|(name, feature)| (name, Value::Bool(self.features.contains(feature)))));
+        all.sort_unstable_by_key(|(name, _)| *name);
+        all
     }
 }
 

@@ -18,7 +18,7 @@ mod shader;
 mod value;
 
 pub use access::{Accesses, Hazard, Layout, Masks, Stages};
-pub use device::DeviceFacts;
+pub use device::{DeviceFacts, FEATURE_FACTS};
 pub use features::Features;
 pub use format::{Blend, DepthAccess, Format, Load, Topology};
 pub use id::{BlockId, PassId, ResourceId, ShaderId};

@@ -22,7 +22,7 @@ pub struct Facts {
 impl Facts {
     /// Returns all facts by full name.
     pub fn named(&self) -> BTreeMap<String, Value> {
-        let device = self.device.named().map(|(name, value)| (name.to_string(), value));
+        let device = self.device.named().into_iter().map(|(name, value)| (name.to_string(), value));
         self.host.clone().into_iter().chain(device).collect()
     }
 }

@@ -4,7 +4,9 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use super::linker::{Linker, MAX_COMPILATIONS, generated};
-use crate::ir::{DeviceFacts, Features, Groups, Reflection, Shader, ShaderId, ShaderStage, Span};
+use crate::ir::{
+    DeviceFacts, FEATURE_FACTS, Features, Groups, Reflection, Shader, ShaderId, ShaderStage, Span,
+};
 use crate::lower::{Extent, Lowered, LoweredPass, LoweredSize, ShaderName};
 use crate::shader::{Compiled, ShaderRequest};
 use crate::source::{Diagnostic, Kind};
@@ -118,33 +120,23 @@ impl Linker<'_> {
         }
         let message = format!("`{}` needs {missing}", shader.name);
         let error = Diagnostic::new(message, span, "the device does not have this");
-        let stores =
-            [(Features::FRAGMENT_STORES, "fragment_stores"), (Features::VERTEX_STORES, "vertex_stores")];
-        let others = [
-            (Features::FLOAT64, "float64"),
-            (Features::INT64, "int64"),
-            (Features::SUBGROUP_ARITHMETIC, "subgroup_arithmetic"),
-            (Features::SUBGROUP_BALLOT, "subgroup_ballot"),
-            (Features::SUBGROUP_SHUFFLE, "subgroup_shuffle"),
-            (Features::SUBGROUP_UNIFORM_CONTROL_FLOW, "subgroup_uniform_control_flow"),
-            (Features::SUBGROUP_VOTE, "subgroup_vote"),
-        ];
-        let is_missing = |(feature, _): &(Features, &str)| missing.contains(*feature);
-        let error = if let Some((_, fact)) = stores.into_iter().find(is_missing) {
-            error.with_help(format!(
+        let facts = FEATURE_FACTS.iter().filter(|(_, feature)| missing.contains(*feature));
+        let stores = Features::FRAGMENT_STORES | Features::VERTEX_STORES;
+        let error = match facts.clone().find(|(_, feature)| stores.contains(*feature)) {
+            Some((fact, _)) => error.with_help(format!(
                 "for every device, let a `Dispatch` write this, or draw it to a target of its own: `targets` takes several \
-                 images; or add `require: [(\"device.{fact}\", \"shaders of draws that write\")]`"
-            ))
-        } else {
-            let entry = |(feature, fact)| format!("(\"device.{fact}\", \"{feature}\")");
-            let facts: Vec<String> = others.into_iter().filter(is_missing).map(entry).collect();
-            if facts.is_empty() {
-                error
-            } else {
-                error.with_help(format!(
-                    "a graph that needs this requires it: `require: [{}]`",
-                    facts.join(", ")
-                ))
+                 images; or add `require: [(\"{fact}\", \"shaders of draws that write\")]`"
+            )),
+            None => {
+                let facts: Vec<String> =
+                    facts.map(|(fact, feature)| format!("(\"{fact}\", \"{feature}\")")).collect();
+                match facts.is_empty() {
+                    true => error,
+                    false => error.with_help(format!(
+                        "a graph that needs this requires it: `require: [{}]`",
+                        facts.join(", ")
+                    )),
+                }
             }
         };
         self.errors.push(error);
