@@ -386,15 +386,21 @@ fn load(pair: &Pair, range: Option<(f64, f64)>, notes: &mut Notes) -> Result<Loa
         ));
     }
     // Each integer level becomes the nearest float of the other picture's precision.
-    let has_levels = [a_depth, b_depth].iter().any(|depth| matches!(depth, Depth::Levels(_)));
+    let levels = [a_depth, b_depth].map(|depth| matches!(depth, Depth::Levels(_)));
+    let has_levels = levels.contains(&true);
     let are_grey = headers.iter().all(|header| header.is_grey);
-    if are_grey && let Some(found) = outside_of_levels([&a, &b], [a_depth, b_depth]) {
-        let (floats, levels) = match a_depth {
-            Depth::Levels(_) => (b_name, a_name),
-            _ => (a_name, b_name),
-        };
+    let beside_levels = match levels {
+        [true, false] => Some((&b, b_name, a_name)),
+        [false, true] => Some((&a, a_name, b_name)),
+        _ => None,
+    };
+    // Clamped to the range of levels, a map of depths would be white.
+    if are_grey
+        && let Some((floats, name, levels_name)) = beside_levels
+        && let Some(found) = farthest_outside(floats)
+    {
         bail!(
-            "{floats}: expected values of 0 to 1, which {levels} has by its levels, found {found}; give both as floats (.npy, .exr)"
+            "{name}: expected values of 0 to 1, which {levels_name} has by its levels, found {found}; give both as floats (.npy, .exr)"
         );
     }
     let (a, b) = match (a_depth, b_depth) {
@@ -406,16 +412,10 @@ fn load(pair: &Pair, range: Option<(f64, f64)>, notes: &mut Notes) -> Result<Loa
     Ok(Loaded { a, b, are_grey, has_levels })
 }
 
-/// Returns the value farthest outside of 0 to 1, of the picture of floats beside one of levels; `None` if there is
-/// none. Clamped to levels, such a picture of depths would be white.
-fn outside_of_levels(pictures: [&Image<f64>; 2], depths: [Depth; 2]) -> Option<f64> {
-    let floats = match depths.map(|depth| matches!(depth, Depth::Levels(_))) {
-        [true, false] => pictures[1],
-        [false, true] => pictures[0],
-        _ => return None,
-    };
+/// Returns the value of a grey picture that is farthest outside of 0 to 1; `None` if all are within.
+fn farthest_outside(picture: &Image<f64>) -> Option<f64> {
     let beyond = |value: f64| (value - value.clamp(0.0, 1.0)).abs();
-    let values = floats.rgb.iter().map(|pixel| pixel[0]).filter(|value| beyond(*value) > 0.0);
+    let values = picture.rgb.iter().map(|pixel| pixel[0]).filter(|value| beyond(*value) > 0.0);
     values.max_by(|a, b| beyond(*a).total_cmp(&beyond(*b)))
 }
 
