@@ -26,16 +26,17 @@ impl fmt::Display for WorldBounds {
 }
 
 impl WorldBounds {
-    /// Returns the number of decimals that tells the box's corners apart.
+    /// Returns the number of decimals that show three digits of the longest side.
     pub(crate) fn decimals(&self) -> usize {
-        decimals((0..3).map(|axis| self.max[axis] - self.min[axis]).fold(0.0, f64::max))
+        decimals((0..3).map(|axis| self.max[axis] - self.min[axis]).fold(0.0, f64::max), 3)
     }
 }
 
-/// Returns the number of decimals, 3 to 12, that show three digits of a length.
-pub(crate) fn decimals(length: f64) -> usize {
-    let digits = 2.0 - length.log10().floor();
-    if digits.is_finite() { digits.clamp(3.0, 12.0) as usize } else { 3 }
+/// Returns the number of decimals, from `digits` to 12, that show that many digits of a length.
+pub fn decimals(length: f64, digits: u8) -> usize {
+    let least = f64::from(digits);
+    let found = least - 1.0 - length.abs().log10().floor();
+    if found.is_finite() { found.clamp(least, 12.0) as usize } else { digits.into() }
 }
 
 impl Bounds {

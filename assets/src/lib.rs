@@ -31,6 +31,7 @@ mod edit;
 mod error;
 pub mod file;
 mod formats;
+mod framing;
 mod gltf;
 pub mod harmonics;
 mod input;
@@ -62,7 +63,7 @@ mod words;
 
 pub use activation::SH_C0;
 pub use attributes::ATTRIBUTES;
-pub use bounds::{Bounds, WorldBounds};
+pub use bounds::{Bounds, WorldBounds, decimals};
 pub use camera::Camera;
 pub use dataset::{CameraError, CameraOptions, Dataset, MAX_CAMERA_BYTES, TEST_EVERY, View, photograph};
 pub use error::{LoadError, SceneError};

@@ -263,12 +263,12 @@ impl fmt::Display for Report {
             "size",
             format!(
                 "median {:.*}, largest {:.*}; {} above half the robust extent of {:.*}",
-                decimals(s.median.into()).max(4),
+                decimals(s.median.into(), 3).max(4),
                 s.median,
-                decimals(s.largest.into()),
+                decimals(s.largest.into(), 3),
                 s.largest,
                 grouped(s.oversized),
-                decimals(s.robust_extent),
+                decimals(s.robust_extent, 3),
                 s.robust_extent
             ),
         )?;

@@ -160,7 +160,9 @@ struct Fields {
     render_width: Option<f64>,
     render_height: Option<f64>,
     fov: Option<f64>,
+    // The list of cameras, which is read entry by entry.
     frames: Option<IgnoredAny>,
+    camera_path: Option<IgnoredAny>,
     /// The other fields, among them the lens's distortion.
     #[serde(flatten)]
     others: Map<String, Value>,

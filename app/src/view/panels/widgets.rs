@@ -295,8 +295,7 @@ pub fn three_digits(value: f64) -> String {
 
 /// Formats a length with four digits or more, and with four decimals or more.
 pub fn length(value: f64) -> String {
-    let decimals = 3.0 - value.abs().log10().floor();
-    format!("{value:.*}", if decimals.is_finite() { decimals.clamp(4.0, 12.0) as usize } else { 4 })
+    format!("{value:.*}", splatgraph_assets::decimals(value, 4))
 }
 
 /// Draws values as a line graph, oldest at the left, scaled from 0 to the largest value. Draws nothing for fewer than

@@ -20,6 +20,7 @@ fn transforms_show_a_known_point_at_its_pixel_and_a_frame_has_the_last_word() {
     assert!(!own.has_masks && parse(&nerfstudio("", "\"mask_path\": \"m.png\",")).unwrap().has_masks);
     for (of_frame, what) in [
         ("\"k1\": 0.1,", "`k1`: expected 0, a lens without distortion, found 0.1; undistort"),
+        ("\"k2\": \"0.1\",", "`k2`: expected 0, a lens without distortion, found 0.1; undistort"),
         ("\"k5\": 0.1,", "`k5`: expected 0, a lens without distortion, found 0.1; undistort"),
         (
             "\"distortion\": [0, 0.2],",
