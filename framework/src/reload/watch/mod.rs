@@ -97,7 +97,6 @@ impl Watcher {
             patience,
             events: events(inbox.clone()),
             folders: BTreeSet::new(),
-            stale: false,
             found: found.clone(),
             wake,
             subjects: Vec::new(),
@@ -192,8 +191,6 @@ struct LookOut<Wake> {
     events: Option<RecommendedWatcher>,
     /// The folders that send events.
     folders: BTreeSet<PathBuf>,
-    /// True if a folder may have been replaced. Its watch is then that of the old folder, until `listen` renews it.
-    stale: bool,
     found: Arc<Mutex<Option<Found>>>,
     wake: Wake,
     subjects: Vec<Subject>,
@@ -209,7 +206,7 @@ impl<Wake: Fn()> LookOut<Wake> {
                 None => messages.recv().map_err(|_| RecvTimeoutError::Disconnected),
                 Some(time) => messages.recv_timeout(time.saturating_duration_since(Instant::now())),
             };
-            let mut looks = false;
+            let (mut looks, mut renews) = (false, false);
             let messages = match first {
                 Ok(first) => Some(iter::once(first).chain(messages.try_iter().take(MAX_AT_ONCE))),
                 Err(RecvTimeoutError::Timeout) => None,
@@ -221,14 +218,17 @@ impl<Wake: Fn()> LookOut<Wake> {
                     Message::Watch(wanted) => self.want(wanted),
                     Message::Event(paths) => {
                         looks |= self.concerns(&paths);
-                        self.stale |= paths.iter().any(|path| self.folders.contains(path));
+                        renews |= self.may_replace_a_folder(&paths);
                     }
                     #[cfg(test)]
                     Message::Answer(to) => _ = to.send(()),
                 }
             }
-            // A look can be due even if messages keep coming.
-            if looks || next_look.is_some_and(|time| time <= Instant::now()) {
+            if renews {
+                self.listen(true);
+            }
+            // A look can be due even if messages keep coming. One after `listen` sees what had no event.
+            if looks || renews || next_look.is_some_and(|time| time <= Instant::now()) {
                 self.look();
             }
             self.announce();
@@ -255,7 +255,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         let subject = |path: &PathBuf| before.remove(path).unwrap_or_else(|| Subject::new(path));
         self.subjects = read.keys().map(subject).collect();
         // Before the look, so that any change after it has an event.
-        self.listen();
+        self.listen(false);
         self.look();
         for (subject, read) in self.subjects.iter_mut().zip(read.values()) {
             subject.built(read);
@@ -264,14 +264,14 @@ impl<Wake: Fn()> LookOut<Wake> {
     }
 
     /// Asks for the events of the wanted files' folders. The regular looks suffice for a folder that is missing, or
-    /// that the system cannot report on.
-    fn listen(&mut self) {
+    /// that the system cannot report on. `renew` if one may have been replaced: its watch is that of the old folder.
+    fn listen(&mut self, renew: bool) {
         let Some(events) = &mut self.events else { return };
         let folders = self.subjects.iter().filter_map(|subject| subject.path.parent());
         let folders: BTreeSet<PathBuf> =
             folders.filter(|folder| folder.is_dir()).map(Path::to_owned).collect();
         // On some systems, any change to the watched folders restarts the event stream.
-        if folders == self.folders && !self.stale {
+        if folders == self.folders && !renew {
             return;
         }
         let mut paths = events.paths_mut();
@@ -283,7 +283,6 @@ impl<Wake: Fn()> LookOut<Wake> {
         }
         let _ = paths.commit();
         self.folders = folders;
-        self.stale = false;
     }
 
     /// Returns true if an event at these paths may be one of a wanted file. The names are compared, because some
@@ -294,6 +293,12 @@ impl<Wake: Fn()> LookOut<Wake> {
             paths.iter().any(|path| path.file_name().is_some_and(|own| own.eq_ignore_ascii_case(name)))
         };
         paths.is_empty() || wanted.any(is_named)
+    }
+
+    /// Returns true if an event at these paths may be that a wanted file's folder was created, renamed or removed.
+    fn may_replace_a_folder(&self, paths: &[PathBuf]) -> bool {
+        let mut folders = self.subjects.iter().filter_map(|subject| subject.path.parent());
+        folders.any(|folder| paths.iter().any(|path| path == folder))
     }
 
     /// Rereads the files that may have changed.
