@@ -16,6 +16,12 @@ pub fn catalogue() -> Vec<(Target, &'static str)> {
     let portable = facts::portable_device;
     let with = |device: DeviceFacts, more| DeviceFacts { features: device.features | more, ..device };
     let stores = Features::FRAGMENT_STORES | Features::VERTEX_STORES;
+    let float_atomics =
+        Features::BUFFER_FLOAT_ATOMICS | Features::SHARED_FLOAT_ATOMICS | Features::IMAGE_FLOAT_ATOMICS;
+    let float_additions = Features::BUFFER_FLOAT_ATOMIC_ADD
+        | Features::SHARED_FLOAT_ATOMIC_ADD
+        | Features::IMAGE_FLOAT_ATOMIC_ADD;
+    let wide = Features::INT64 | Features::FLOAT64;
     let device = |name: &str, facts, storage_buffers, source| {
         // Only WebGPU's limit of storage images is below the other devices' limits.
         let storage_images = name.starts_with("webgpu").then_some(4);
@@ -34,7 +40,7 @@ pub fn catalogue() -> Vec<(Target, &'static str)> {
     vec![
         device(
             "lavapipe",
-            with(limits(8, 1 << 27, 1024, 32), stores | Features::INT64 | Features::FLOAT64),
+            with(limits(8, 1 << 27, 1024, 32), stores | wide | float_atomics | float_additions),
             None,
             "Mesa 22.3, on a CPU with vectors of 256 bits",
         ),
@@ -58,13 +64,16 @@ pub fn catalogue() -> Vec<(Target, &'static str)> {
         ),
         device(
             "intel",
-            with(limits(32, 1 << 30, 1024, 64), stores | Features::INT64),
+            with(limits(32, 1 << 30, 1024, 64), stores | Features::INT64 | float_atomics),
             None,
             "Mesa, src/intel/vulkan: Xe, subgroups of the usual size",
         ),
         device(
             "amd",
-            with(limits(64, most, 1024, 64), stores | Features::INT64 | Features::FLOAT64),
+            with(
+                limits(64, most, 1024, 64),
+                stores | wide | float_atomics | Features::SHARED_FLOAT_ATOMIC_ADD,
+            ),
             None,
             "Mesa, src/amd/vulkan: GCN 3 and newer, subgroups of the usual size",
         ),

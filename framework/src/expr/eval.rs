@@ -301,7 +301,7 @@ fn type_name(value: &Value) -> &'static str {
 }
 
 /// Maximum number of names that an error lists if none is similar.
-const MAX_LISTED_NAMES: usize = 24;
+const MAX_LISTED_NAMES: usize = 32;
 
 /// Returns the message for a name that is not in scope.
 fn unknown_name(name: &str) -> String {

@@ -5,10 +5,16 @@ use serde::{Serialize, Serializer};
 use super::{Features, Value};
 
 /// The features that graphs can read as facts, by the fact's name.
-pub const FEATURE_FACTS: [(&str, Features); 9] = [
+pub const FEATURE_FACTS: [(&str, Features); 15] = [
+    ("device.buffer_float_atomic_add", Features::BUFFER_FLOAT_ATOMIC_ADD),
+    ("device.buffer_float_atomics", Features::BUFFER_FLOAT_ATOMICS),
     ("device.float64", Features::FLOAT64),
     ("device.fragment_stores", Features::FRAGMENT_STORES),
+    ("device.image_float_atomic_add", Features::IMAGE_FLOAT_ATOMIC_ADD),
+    ("device.image_float_atomics", Features::IMAGE_FLOAT_ATOMICS),
     ("device.int64", Features::INT64),
+    ("device.shared_float_atomic_add", Features::SHARED_FLOAT_ATOMIC_ADD),
+    ("device.shared_float_atomics", Features::SHARED_FLOAT_ATOMICS),
     ("device.subgroup_arithmetic", Features::SUBGROUP_ARITHMETIC),
     ("device.subgroup_ballot", Features::SUBGROUP_BALLOT),
     ("device.subgroup_shuffle", Features::SUBGROUP_SHUFFLE),

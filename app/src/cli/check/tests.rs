@@ -220,6 +220,38 @@ fn errors_of_every_graph_of_a_choice_are_found_and_a_fallback_is_fine() {
 }
 
 #[test]
+fn float_atomics_can_be_required_and_have_a_fallback() {
+    let needs = r#"("device.buffer_float_atomic_add", "sums of floats")"#;
+    let sums = |require: &str| {
+        let text = graph(require, "sum.comp", "8, 8").replace("bind: {", "bind: { \"Sums\": \"sums\",");
+        text.replace("resources: {", "resources: { \"sums\": Buffer(stride: 4, count: 64),")
+    };
+    let choice = r#"Choice(summary: "", of: [(graph: "sums.ron"), (graph: "plain.ron")])"#;
+    let folder = folder(&[
+        ("sums.ron", &sums(needs)),
+        ("bare.ron", &sums("")),
+        ("plain.ron", &graph("", "good.comp", "8, 8")),
+        ("choice.ron", choice),
+    ]);
+    let shader = "#version 460\n#extension GL_EXT_shader_atomic_float : require\n\
+        layout(local_size_x = 8, local_size_y = 8) in;\n\
+        layout(set = 0, binding = 0, rgba8) writeonly uniform image2D image;\n\
+        layout(set = 0, binding = 1, std430) buffer Sums { float sums[]; };\n\
+        void main() { imageStore(image, ivec2(0), vec4(atomicAdd(sums[0], 1.0))); }\n";
+    std::fs::write(folder.path().join("sum.comp"), shader).expect("writable");
+    let text = right(result(&folder, "sums.ron"));
+    assert!(text.contains("the graph with device.buffer_float_atomic_add = true: "), "{text}");
+    let text = right(result(&folder, "choice.ron"));
+    assert!(text.contains("`plain.ron` is used instead of `sums.ron`, which needs sums of floats"), "{text}");
+    let errors = result(&folder, "bare.ron").expect_err("a need that is not required").to_string();
+    let help = r#"`require: [("device.buffer_float_atomic_add", "atomic float additions in buffers")]`"#;
+    assert!(errors.contains(help), "{errors}");
+    let lavapipe = options::target(Some("lavapipe")).expect("a device of the catalogue");
+    let path = folder.path().join("bare.ron").display().to_string();
+    right(check(&mut Planner::default(), &path, &[], 1000, On::Named(&lavapipe), &mut |_| {}));
+}
+
+#[test]
 fn a_graph_of_a_choice_that_cannot_be_checked_is_a_warning() {
     let folder = folder(&[
         ("good.ron", &graph("", "good.comp", "8, 8")),
