@@ -46,8 +46,10 @@ fn list() -> String {
 
 /// Formats the error about an unknown name. `near` lists similar names as suggestions.
 fn unknown(name: &str, near: &[&str]) -> String {
+    let generated = "it is generated for each graph; `splatgraph dump GRAPH --format json` has the `type` and `offset` of its members";
     let near: Vec<String> = near.iter().map(|name| format!("`{name}`")).collect();
     let help = match near.is_empty() {
+        _ if name == "live.glsl" => generated.to_owned(),
         true => "`splatgraph source` lists all names".to_owned(),
         false => format!("did you mean {}?", near.join(" or ")),
     };
@@ -75,5 +77,6 @@ mod tests {
             "expected the name of a built-in file, found `splt`: did you mean `splat`?"
         );
         assert!(unknown("x", &[]).ends_with("`splatgraph source` lists all names"));
+        assert!(unknown("live.glsl", &["lens.glsl"]).contains(": it is generated for each graph; "));
     }
 }
