@@ -10,11 +10,11 @@ use crate::draw::requirements::{self, Case, Unchecked};
 use lsp_types::{Diagnostic, DiagnosticSeverity, InlayHint, Location, Range, TextEdit, Uri};
 use splatgraph_assets::grouped;
 use splatgraph_framework::dump::Dump;
-use splatgraph_framework::ir::{LIVE_BLOCK, Shape};
+use splatgraph_framework::ir::{LIVE_BLOCK, Param, Shape};
 use splatgraph_framework::lower::{self, Control, ExpressionNames};
-use splatgraph_framework::plan::Plan;
+use splatgraph_framework::plan::{Plan, Warning};
 use splatgraph_framework::schema::Document;
-use splatgraph_framework::source::{Kind, nearest};
+use splatgraph_framework::source::{self, Kind, nearest};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 
@@ -232,8 +232,9 @@ impl Workspace {
                 self.declare(path, graph, case, &build.changed)?;
             }
             match build.plan(&mut self.planner, graph, &[], &catalog)? {
-                Some(plan) => {
+                Some(mut plan) => {
                     checked += 1;
+                    warn_of_unused(&mut self.planner, graph, &mut plan);
                     warnings.extend(self.learn(path, &plan));
                     let full = build.full_plan(&mut self.planner, &plan, (graph, &[]), &catalog)?;
                     warnings.extend(full.iter().flat_map(|full| self.planner.plain_warnings(full)));
@@ -447,6 +448,26 @@ impl Workspace {
         }
         let canonical = files::canonical(&path);
         self.open.keys().find(|other| files::canonical(other) == canonical).cloned().unwrap_or(canonical)
+    }
+}
+
+/// Adds warnings about parameters of the graph's own file that nothing mentions: neither the file nor its shaders.
+///
+/// Parameters that only the current settings leave without an effect are mentioned.
+pub fn warn_of_unused(planner: &mut Planner, graph: &str, plan: &mut Plan) {
+    let Some(file) = planner.file(None, graph, Kind::Graph) else { return };
+    let (path, _) = planner.path_and_text(file);
+    let is_idle = |param: &&Param| param.origin.file == path && plan.no_effect(&param.name).is_some();
+    let idle: Vec<Param> = plan.params.iter().filter(is_idle).cloned().collect();
+    if idle.is_empty() {
+        return;
+    }
+    let index = Index::of_graph(planner, file);
+    for Param { name, origin, .. } in idle {
+        let Some(span) = index.unused(file, &name) else { continue };
+        let message = format!("nothing uses the parameter `{name}`");
+        let label = "no expression of this file and no shader mentions it";
+        plan.warnings.push(Warning { diagnostic: source::Diagnostic::new(message, span, label), origin });
     }
 }
 

@@ -8,7 +8,7 @@ use super::files::{Search, canonical, is_graph};
 use super::names::{self, Kind, Mention, Role, Word, mentions, words};
 use crate::draw::planner::Planner;
 use indexmap::IndexSet;
-use splatgraph_framework::ir::FileId;
+use splatgraph_framework::ir::{FileId, Span};
 use splatgraph_framework::source;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ops::Range;
@@ -75,6 +75,7 @@ struct Shader {
     includes: Vec<(Range<usize>, FileId)>,
 }
 
+#[derive(Default)]
 pub struct Index {
     paths: HashMap<FileId, (String, String)>,
     graphs: BTreeMap<FileId, Graph>,
@@ -90,25 +91,13 @@ impl Index {
     /// Indexes a file, some graphs, and the files that they name or that may name them, directly or indirectly. The
     /// paths are canonical.
     pub fn of(planner: &mut Planner, path: &Path, graphs: Vec<PathBuf>) -> Index {
-        let mut index = Index {
-            paths: HashMap::new(),
-            graphs: BTreeMap::new(),
-            shaders: BTreeMap::new(),
-            declarations: Vec::new(),
-            of_file: HashMap::new(),
-            found: BTreeMap::new(),
-            class: Vec::new(),
-        };
+        let mut index = Index::default();
         let mut search = Search::default();
         let (mut waiting, mut searched) = (graphs, BTreeSet::new());
         waiting.extend(search.users_of(path));
         while let Some(graph) = waiting.pop() {
-            let file = planner.file(None, &graph.display().to_string(), source::Kind::Graph);
-            let mut named: Vec<FileId> = file.into_iter().collect();
-            while let Some(file) = named.pop() {
-                if !index.graphs.contains_key(&file) {
-                    index.read_graph(planner, file, &mut named);
-                }
+            if let Some(file) = planner.file(None, &graph.display().to_string(), source::Kind::Graph) {
+                index.read_graphs(planner, file);
             }
             for (file, (path, _)) in &index.paths {
                 if searched.insert(*file) && Path::new(path).is_absolute() {
@@ -124,6 +113,23 @@ impl Index {
         }
         index.resolve();
         index
+    }
+
+    /// Indexes a graph, and the files that it names, directly or indirectly.
+    pub fn of_graph(planner: &mut Planner, graph: FileId) -> Index {
+        let mut index = Index::default();
+        index.read_graphs(planner, graph);
+        index.resolve();
+        index
+    }
+
+    fn read_graphs(&mut self, planner: &mut Planner, graph: FileId) {
+        let mut named = vec![graph];
+        while let Some(file) = named.pop() {
+            if !self.graphs.contains_key(&file) {
+                self.read_graph(planner, file, &mut named);
+            }
+        }
     }
 
     fn read_graph(&mut self, planner: &mut Planner, file: FileId, waiting: &mut Vec<FileId>) {
@@ -505,6 +511,14 @@ impl Index {
         let mut places: Vec<_> = self.found.iter().filter(|(_, found)| same(found)).map(place).collect();
         places.sort_by(|a, b| a.0.cmp(&b.0));
         places
+    }
+
+    /// Returns the place of a parameter that a graph declares; `None` if another place in the index mentions it.
+    pub fn unused(&self, graph: FileId, parameter: &str) -> Option<Span> {
+        let declared = *self.declared(graph, |d| d.kind == Kind::Parameter && d.name == parameter).first()?;
+        let mentions = self.found.values().filter(|found| found.declarations.contains(&declared)).count();
+        let range = self.declarations[declared].range.clone();
+        (mentions == 1).then(|| Span::new(graph, range))
     }
 
     /// Returns true if a name is declared at this place.

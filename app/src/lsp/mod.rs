@@ -19,6 +19,7 @@ mod text;
 use anyhow::{Result, ensure};
 pub use files::nominal_catalog;
 use graph::Workspace;
+pub use graph::warn_of_unused;
 use lsp_server::{Connection, ErrorCode, Message, Notification, Request, Response};
 use lsp_types::notification::{
     DidChangeTextDocument, DidChangeWatchedFiles, DidCloseTextDocument, DidOpenTextDocument, Exit,

@@ -36,9 +36,10 @@ const EXAMPLES: &str = "Examples:
 /// reported, but is not an error: the graph is then checked with other facts of the device or the scene, with which its
 /// requirements are met. So are the graphs of a choice that are not drawn. If no such facts are found, this is an
 /// error, or a warning for one of several graphs of a choice. An oracle replays the barriers of each plan, and reports
-/// missing barriers and needless bits. A parameter of --set without an effect gives a warning. With --device, graphs
-/// are built for that device instead, and unmet requirements are errors. Graphs with outputs besides the picture are
-/// also built with all of them requested.
+/// missing barriers and needless bits. A parameter of --set without an effect gives a warning, and so does a parameter
+/// of the graph's file that neither the file nor its shaders mention. With --device, graphs are built for that device
+/// instead, and unmet requirements are errors. Graphs with outputs besides the picture are also built with all of them
+/// requested.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -229,7 +230,7 @@ fn check(
     };
     let case = |device: &Target| Case { device: device.facts, scene, size: facts::DEFAULT_SIZE };
     let cases: Vec<Case> = devices.iter().map(case).collect();
-    let mut checked = Checked { set, is_named, ..Checked::default() };
+    let mut checked = Checked { graph, set, is_named, ..Checked::default() };
     let mut drawn = Vec::new();
     let mut unsuited = Lines::default();
     for (device, case) in devices.iter().zip(&cases) {
@@ -335,6 +336,7 @@ impl Lines {
 /// The results for the plans of a graph.
 #[derive(Default)]
 struct Checked<'a> {
+    graph: &'a str,
     set: &'a [(String, String)],
     /// True if the command line names the device.
     is_named: bool,
@@ -360,12 +362,13 @@ impl Checked<'_> {
     /// to `warn`.
     fn verified(
         &mut self,
-        planner: &Planner,
+        planner: &mut Planner,
         mut plan: Plan,
         lanes: &str,
         warn: &mut dyn FnMut(Warning),
     ) -> Result<String, String> {
         planner.warn_of_subgroups(&mut plan);
+        lsp::warn_of_unused(planner, self.graph, &mut plan);
         let warnings = planner.warnings(&plan, colour());
         if !warnings.is_empty() && !self.warned.contains(&warnings) {
             let text = format!("{}\n", warnings.trim_end());

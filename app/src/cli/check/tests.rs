@@ -146,21 +146,47 @@ fn a_graph_that_needs_more_than_the_smallest_device_is_no_error_and_all_else_is_
     assert_eq!((&json["ok"], &json["diagnostics"][0]["line"]), (&json!(false), &json!(1)), "{json:#}");
 }
 
+/// Lists the warnings about the plans of a correct graph.
+fn warnings(graph: &str, devices: &[Target]) -> Vec<PlainDiagnostic> {
+    let mut found = Vec::new();
+    let mut warn = |warning| {
+        if let Warning::Plan { plain, .. } = warning {
+            found.extend(plain);
+        }
+    };
+    right(check(&mut Planner::default(), graph, &[], 1000, On::Smallest(devices), &mut warn));
+    found
+}
+
+#[test]
+fn parameters_that_nothing_mentions_give_warnings_and_parameters_that_are_only_idle_give_none() {
+    let params = r#"params: {
+  "never": Live(Int(default: 1, range: (1, 9))),
+  "nor_this": Const(Int(default: 1, range: (1, 9))),
+  "other": Const(Bool(default: false)), "tint": Live(Float(default: 1, range: (0, 1))),
+  "of_a_let": Const(Int(default: 1, range: (1, 9))), "of_an_if": Const(Int(default: 1, range: (1, 9))) },
+  let: { "twice": "2 * of_a_let" }, passes:"#;
+    let shader = "\"other ? 'other.comp' : 'good.comp'\"";
+    let text = graph("", "good.comp", "8, 8").replace("passes:", params).replace("\"good.comp\"", shader);
+    let folder = folder(&[("graph.ron", &text)]);
+    let good = std::fs::read_to_string(folder.path().join("good.comp")).expect("text");
+    let other =
+        good.replace("vec4(1.0)", "vec4(tint)").replace("layout(l", "#include \"live.glsl\"\nlayout(l");
+    std::fs::write(folder.path().join("other.comp"), other).expect("writable");
+    let good = good.replace("}", "\n#if 0\nOF_AN_IF\n#endif\n} // never, NOR_THIS");
+    std::fs::write(folder.path().join("good.comp"), good).expect("writable");
+    let path = folder.path().join("graph.ron").display().to_string();
+    let found = warnings(&path, &facts::SUBGROUP_SIZES.map(smallest));
+    let found: Vec<_> = found.iter().map(|w| (w.line, w.column, w.end_column, w.message.as_str())).collect();
+    let message = ["nothing uses the parameter `never`", "nothing uses the parameter `nor_this`"];
+    assert_eq!(found, [(4, 4, 9, message[0]), (5, 4, 12, message[1])]);
+}
+
 #[test]
 fn subgroups_that_are_wider_than_the_workgroup_give_one_warning_for_all_devices() {
     let folder = folder(&[("graph.ron", &graph("", "good.comp", "8, 8"))]);
     let path = folder.path().join("graph.ron").display().to_string();
     let widths = facts::SUBGROUP_SIZES.map(smallest);
-    let warnings = |graph: &str, devices: &[Target]| {
-        let mut found = Vec::new();
-        let mut warn = |warning| {
-            if let Warning::Plan { plain, .. } = warning {
-                found.extend(plain);
-            }
-        };
-        right(check(&mut Planner::default(), graph, &[], 1000, On::Smallest(devices), &mut warn));
-        found
-    };
     let with_size = |local_size: &str, devices: &[Target]| {
         let text = format!(
             "#version 460\n#extension GL_KHR_shader_subgroup_arithmetic : require\nlayout({local_size}) in;\n\
@@ -179,6 +205,38 @@ fn subgroups_that_are_wider_than_the_workgroup_give_one_warning_for_all_devices(
     for graph in ["splat", "tiled", "tiled_cpu"] {
         assert!(warnings(graph, &widths).is_empty(), "{graph}");
     }
+}
+
+#[test]
+fn float_atomics_can_be_required_and_have_a_fallback() {
+    let needs = r#"("device.buffer_float_atomic_add", "sums of floats")"#;
+    let sums = |require: &str| {
+        let text = graph(require, "sum.comp", "8, 8").replace("bind: {", "bind: { \"Sums\": \"sums\",");
+        text.replace("resources: {", "resources: { \"sums\": Buffer(stride: 4, count: 64),")
+    };
+    let choice = r#"Choice(summary: "", of: [(graph: "sums.ron"), (graph: "plain.ron")])"#;
+    let folder = folder(&[
+        ("sums.ron", &sums(needs)),
+        ("bare.ron", &sums("")),
+        ("plain.ron", &graph("", "good.comp", "8, 8")),
+        ("choice.ron", choice),
+    ]);
+    let shader = "#version 460\n#extension GL_EXT_shader_atomic_float : require\n\
+        layout(local_size_x = 8, local_size_y = 8) in;\n\
+        layout(set = 0, binding = 0, rgba8) writeonly uniform image2D image;\n\
+        layout(set = 0, binding = 1, std430) buffer Sums { float sums[]; };\n\
+        void main() { imageStore(image, ivec2(0), vec4(atomicAdd(sums[0], 1.0))); }\n";
+    std::fs::write(folder.path().join("sum.comp"), shader).expect("writable");
+    let text = right(result(&folder, "sums.ron"));
+    assert!(text.contains("the graph with device.buffer_float_atomic_add = true: "), "{text}");
+    let text = right(result(&folder, "choice.ron"));
+    assert!(text.contains("`plain.ron` is used instead of `sums.ron`, which needs sums of floats"), "{text}");
+    let errors = result(&folder, "bare.ron").expect_err("a need that is not required").to_string();
+    let help = r#"`require: [("device.buffer_float_atomic_add", "atomic float additions in buffers")]`"#;
+    assert!(errors.contains(help), "{errors}");
+    let lavapipe = options::target(Some("lavapipe")).expect("a device of the catalogue");
+    let path = folder.path().join("bare.ron").display().to_string();
+    right(check(&mut Planner::default(), &path, &[], 1000, On::Named(&lavapipe), &mut |_| {}));
 }
 
 #[test]
@@ -217,38 +275,6 @@ fn errors_of_every_graph_of_a_choice_are_found_and_a_fallback_is_fine() {
         lines[2].starts_with("  4, 8, 16, 32, 64, 128 lanes: `longs.ron` with device.int64 = true: 2 passes"),
         "{text}"
     );
-}
-
-#[test]
-fn float_atomics_can_be_required_and_have_a_fallback() {
-    let needs = r#"("device.buffer_float_atomic_add", "sums of floats")"#;
-    let sums = |require: &str| {
-        let text = graph(require, "sum.comp", "8, 8").replace("bind: {", "bind: { \"Sums\": \"sums\",");
-        text.replace("resources: {", "resources: { \"sums\": Buffer(stride: 4, count: 64),")
-    };
-    let choice = r#"Choice(summary: "", of: [(graph: "sums.ron"), (graph: "plain.ron")])"#;
-    let folder = folder(&[
-        ("sums.ron", &sums(needs)),
-        ("bare.ron", &sums("")),
-        ("plain.ron", &graph("", "good.comp", "8, 8")),
-        ("choice.ron", choice),
-    ]);
-    let shader = "#version 460\n#extension GL_EXT_shader_atomic_float : require\n\
-        layout(local_size_x = 8, local_size_y = 8) in;\n\
-        layout(set = 0, binding = 0, rgba8) writeonly uniform image2D image;\n\
-        layout(set = 0, binding = 1, std430) buffer Sums { float sums[]; };\n\
-        void main() { imageStore(image, ivec2(0), vec4(atomicAdd(sums[0], 1.0))); }\n";
-    std::fs::write(folder.path().join("sum.comp"), shader).expect("writable");
-    let text = right(result(&folder, "sums.ron"));
-    assert!(text.contains("the graph with device.buffer_float_atomic_add = true: "), "{text}");
-    let text = right(result(&folder, "choice.ron"));
-    assert!(text.contains("`plain.ron` is used instead of `sums.ron`, which needs sums of floats"), "{text}");
-    let errors = result(&folder, "bare.ron").expect_err("a need that is not required").to_string();
-    let help = r#"`require: [("device.buffer_float_atomic_add", "atomic float additions in buffers")]`"#;
-    assert!(errors.contains(help), "{errors}");
-    let lavapipe = options::target(Some("lavapipe")).expect("a device of the catalogue");
-    let path = folder.path().join("bare.ron").display().to_string();
-    right(check(&mut Planner::default(), &path, &[], 1000, On::Named(&lavapipe), &mut |_| {}));
 }
 
 #[test]

@@ -208,6 +208,22 @@ fn a_graph_whose_requirements_the_nominal_device_does_not_meet_is_checked_all_th
 }
 
 #[test]
+fn a_parameter_that_nothing_uses_is_a_warning_until_a_shader_uses_it() {
+    let editor = Editor::start();
+    let live = "params: { \"gain\": Live(Int(default: 1, range: (0, 9))), ";
+    editor.open("graph.ron", &GRAPH.replace("params: { ", live));
+    let found = editor.published().1;
+    let at = json!({ "start": { "line": 1, "character": 13 }, "end": { "line": 1, "character": 17 } });
+    assert_eq!((found.len(), &found[0]["range"], &found[0]["severity"]), (1, &at, &json!(2)), "{found:?}");
+    let using = SHADER
+        .replace("vec4(table", "gain * vec4(table")
+        .replace("layout(set = 0, binding = 0", "#include \"live.glsl\"\nlayout(set = 0, binding = 0");
+    editor.open("show.comp", &using);
+    assert_eq!(editor.published(), (editor.uri("graph.ron"), vec![]));
+    editor.end();
+}
+
+#[test]
 fn a_mistake_in_a_graph_of_a_choice_that_is_not_drawn_is_shown_in_that_graph() {
     let editor = Editor::start();
     editor.write("broken.ron", &GRAPH.replace("Groups(1)", "Groups(\"8 / 0\")"));
