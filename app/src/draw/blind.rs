@@ -136,15 +136,21 @@ pub fn note(scene: &Scene, (blind, of): (usize, usize), example: Option<&View>, 
     format!("{blind} of {of} cameras see no splat: {why}")
 }
 
-/// Reports that the cameras in `blind`, out of `of` cameras of a comparison, see no splat; `None` if `blind` is empty.
+/// Reports that the cameras in `blind`, out of `of` cameras, see no splat, and why; `None` if `blind` is empty.
+pub fn told(scene: &Scene, blind: &[Camera], of: usize) -> Option<String> {
+    let example = blind.first().map(|first| (first, Rules::of_view(scene, first)))?;
+    Some(note(scene, (blind.len(), of), Some(&example), ""))
+}
+
+/// Reports cameras that see no splat, as [`told`] does, out of `of` cameras of a comparison.
 ///
 /// # Errors
 /// No camera sees a splat, so there is nothing to compare.
 pub fn check(scene: &Scene, blind: &[Camera], of: usize) -> Result<Option<String>, String> {
-    let Some(first) = blind.first() else { return Ok(None) };
-    let blind = blind.len();
-    let note = note(scene, (blind, of), Some(&(first, Rules::of_view(scene, first))), "");
-    if blind < of { Ok(Some(note)) } else { Err(note + "; no picture can be compared") }
+    match told(scene, blind, of) {
+        Some(note) if blind.len() == of => Err(note + "; no picture can be compared"),
+        note => Ok(note),
+    }
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use splatgraph_api::{BackendError, Device};
 use splatgraph_assets::{Camera, Scene, synth::SynthError};
 use splatgraph_framework::reload::Wanted;
-use splatgraph_reference::{PictureMemoryError, Rules, metrics::MetricError};
+use splatgraph_reference::{PictureMemoryError, metrics::MetricError};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
@@ -142,29 +142,18 @@ impl Subject {
     /// No camera sees a splat: all pictures would be equal, because they are empty. Or an exact picture does not fit in
     /// memory.
     pub fn check_views(&self, listener: &mut dyn Listener) -> Result<(), StudyError> {
-        if let Some(note) =
-            blind::check(&self.scene, &self.blind()?, self.cameras.len()).map_err(StudyError::Input)?
-        {
-            listener.say(&format!("{note}; in their views, nothing has an error"));
-        }
-        Ok(())
-    }
-
-    /// Tells the listener how many cameras see no splat, if there are any: drawing them takes hardly any time.
-    ///
-    /// # Errors
-    /// An exact picture does not fit in memory.
-    pub fn tell_empty_views(&self, listener: &mut dyn Listener) -> Result<(), StudyError> {
-        let blind = self.blind()?;
-        if let Some(first) = blind.first() {
-            let view = (first, Rules::of_view(&self.scene, first));
-            listener.say(&blind::note(&self.scene, (blind.len(), self.cameras.len()), Some(&view), ""));
-        }
+        let note =
+            blind::check(&self.scene, &self.blind()?, self.cameras.len()).map_err(StudyError::Input)?;
+        let say = |note| listener.say(&format!("{note}; in their views, nothing has an error"));
+        note.into_iter().for_each(say);
         Ok(())
     }
 
     /// Returns the cameras that see no splat; none for a scene without splats.
-    fn blind(&self) -> Result<Vec<Camera>, StudyError> {
+    ///
+    /// # Errors
+    /// An exact picture does not fit in memory.
+    pub fn blind(&self) -> Result<Vec<Camera>, StudyError> {
         let mut blind = Vec::new();
         for camera in self.cameras.iter().filter(|_| self.scene.count() > 0) {
             if !blind::sees(&self.scene, camera)? {

@@ -17,7 +17,6 @@ use crate::io::progress::Progress;
 use crate::studies::evaluation::Evaluation;
 use anyhow::Result;
 use drawer::{Drawer, ORIGIN, as_json, origin, request, save};
-use splatgraph_reference::Rules;
 use work::{FOLDERS, Work, picture};
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -68,10 +67,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         progress.suspend(|| session.settings_without_effect().iter().chain(&note).for_each(say));
     }
     drop(progress);
-    if let Some(first) = blind.first() {
-        let example = (first, Rules::of_view(drawer.scene(), first));
-        say(blind::note(drawer.scene(), (blind.len(), views.len()), Some(&example), ""));
-    }
+    blind::told(drawer.scene(), &blind, views.len()).iter().for_each(say);
     others.iter().for_each(say);
     let found = Evaluation::new(scores, missing);
     options::print_beside(args.json.as_deref(), &found.table())?;
