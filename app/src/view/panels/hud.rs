@@ -21,6 +21,8 @@ const STAY: Duration = Duration::from_secs(5);
 const STAY_LONG: Duration = Duration::from_secs(12);
 /// Topic of toasts about loaded scenes.
 const SCENE: &str = "the scene";
+/// Topic of the toast about a copied text.
+const COPIED: &str = "a copy";
 const MAX_TOASTS: usize = 4;
 const FRAMES: usize = 120;
 /// Background of text over the picture, dark enough for white text on any picture.
@@ -48,6 +50,11 @@ pub struct Toasts {
 impl Toasts {
     pub fn done(&mut self, text: String) {
         self.add("", text, false, STAY);
+    }
+
+    /// Adds the toast of a copied text, which [`Toasts::show`] always draws.
+    pub fn copied(&mut self) {
+        self.add(COPIED, "Copied to the clipboard".to_owned(), false, STAY);
     }
 
     /// Adds a toast for the time `stay`. It replaces earlier ones with the same text or, unless empty, the same topic.
@@ -105,11 +112,12 @@ impl Toasts {
         }
     }
 
-    /// Draws the toasts at the top right of the picture, and removes expired and dismissed ones. Toasts that would
-    /// cover the card of errors, the oldest first, are not drawn.
-    pub fn show(&mut self, ctx: &Context, view: Rect) {
+    /// Draws the toasts at the top right of the picture, and removes expired and dismissed ones. Unless `all`, removes
+    /// every toast but that of a copied text. Toasts that would cover the card of errors, the oldest first, are not
+    /// drawn.
+    pub fn show(&mut self, ctx: &Context, view: Rect, all: bool) {
         let now = Instant::now();
-        self.shown.retain(|toast| toast.end > now);
+        self.shown.retain(|toast| toast.end > now && (all || toast.topic == COPIED));
         let Some(next) = self.shown.iter().map(|toast| toast.end).min() else { return };
         ctx.request_repaint_after(next - now);
         let mut dismissed = None;
@@ -206,7 +214,7 @@ pub fn show(ui: &Ui, viewer: &Viewer, interval: Option<f64>, view: Rect) {
     let mut lines = vec![layout(&text, strong.clone()), layout(&second, FontId::proportional(TEXT))];
     let invisible = |(name, count): &(String, u32)| name == "visible" && *count == 0;
     if viewer.scene().count() > 0 && viewport.stats.iter().any(invisible) {
-        lines.push(layout("no splat is in view beyond the near plane: F shows the scene", strong));
+        lines.push(layout("no splat in view, or all nearer than 0.2 units: F shows the scene", strong));
     }
     let recent = viewport.history.recent(FRAMES);
     let spark = if recent.len() > 1 { 20.0 } else { 0.0 };
@@ -375,7 +383,7 @@ mod tests {
         for _ in 0..2 {
             let mut output = ctx.run_ui(Default::default(), |ui| {
                 let view = space_for_cards(ui.ctx(), Rect::NOTHING);
-                toasts.show(ui.ctx(), view);
+                toasts.show(ui.ctx(), view, true);
             });
             assert!(!output.shapes.is_empty());
             // No texture is uploaded here.
@@ -396,7 +404,7 @@ mod tests {
             for _ in 0..3 {
                 controls::take(&ctx);
                 see(&ctx, "mistakes", Rect::from_min_max(pos2(0.0, card), view.max));
-                let mut output = ctx.run_ui(Default::default(), |ui| toasts.show(ui.ctx(), view));
+                let mut output = ctx.run_ui(Default::default(), |ui| toasts.show(ui.ctx(), view, true));
                 output.textures_delta.clear();
             }
             controls::find(&ctx, "toast").map(|last| last.bottom())

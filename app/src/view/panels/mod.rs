@@ -99,7 +99,8 @@ pub struct Panels {
     pub hidden: bool,
     /// True to synchronise presentation with the display's refresh.
     pub vsync: bool,
-    /// True to show the frame time and toasts over the picture. Errors and notices are always shown.
+    /// True to show the frame time and toasts over the picture. Errors, notices and the toast of a copied text are
+    /// always shown.
     pub hud: bool,
     /// Viewport that the tools show and change.
     pub selected: RendererId,
@@ -347,9 +348,7 @@ impl Panels {
         }
         self.errors.show(ctx, viewer, window_failure, cards);
         self.show_notice_card(ctx, cards);
-        if self.hud {
-            self.toasts.show(ctx, cards);
-        }
+        self.toasts.show(ctx, cards, self.hud);
     }
 
     /// Records the interval between two consecutive frames of A. `drawn` is the number of A's frames so far.
@@ -443,7 +442,7 @@ impl Panels {
     fn report_copy(&mut self, ctx: &Context) {
         let copies = |command: &egui::OutputCommand| matches!(command, egui::OutputCommand::CopyText(_));
         if ctx.output(|output| output.commands.iter().any(copies)) {
-            self.toasts.done("Copied to the clipboard".to_owned());
+            self.toasts.copied();
             ctx.request_repaint();
         }
     }

@@ -330,6 +330,14 @@ fn actions_without_another_effect_on_the_window_are_confirmed() {
     script.until("no toast", |script| script.find("toast").is_none());
     click(&mut script, "copy_camera");
     assert!(script.find("toast").is_some());
+    // Also without times and messages on the picture, but no other toast.
+    script.panels().hud = false;
+    script.frame(false);
+    assert!(script.find("toast").is_some());
+    script.until("no toast", |script| script.find("toast").is_none());
+    script.panels().log_event(&Event::Problem { text: "a problem".to_owned() });
+    script.frame(false);
+    assert!(script.find("toast").is_none());
     script.close(&[]);
 }
 
