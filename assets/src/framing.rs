@@ -1,6 +1,7 @@
 //! Creates cameras that frame a scene.
 
 use crate::camera::Camera;
+use crate::report::NEAR;
 use crate::scene::{FileNotes, Scene};
 use std::f64::consts::TAU;
 
@@ -14,9 +15,9 @@ impl Camera {
     /// position is relative to [`Scene::offset`].
     ///
     /// It looks along +z and 12 degrees down (+y), rotated so that `up` is up, from a distance at which the box
-    /// [`Scene::robust_bounds`] fits with a margin of 8 %, but at least 1 unit. `fov` is the horizontal field of view,
-    /// in degrees below 180; `None` for 60 degrees across the longer side, or less for a scene that would be small at a
-    /// distance of 1 unit.
+    /// [`Scene::robust_bounds`] fits with a margin of 8 %, but at least 1 unit, or as near as the near plane allows if
+    /// `fov` is given. `fov` is the horizontal field of view, in degrees below 180; `None` for 60 degrees across the
+    /// longer side, or less for a scene that would be small at a distance of 1 unit.
     pub fn framing_upright(scene: &Scene, up: [f64; 3], fov: Option<f64>, size: (u32, u32)) -> Self {
         Self::framing_turns(scene, up, fov, size, 1)
     }
@@ -39,7 +40,7 @@ impl Camera {
         const PITCH: f64 = 12.0;
         /// Share of the image that the box may fill.
         const FILL: f64 = 0.92;
-        /// Minimum distance: the scene is then beyond the near plane, with room to move the camera.
+        /// Minimum distance without `fov`: the scene is then beyond the near plane, with room to move the camera.
         const CLOSEST: f64 = 1.0;
         /// Maximum enlargement of a scene at the minimum distance. Above it, positions are too coarse in f32.
         const MAX_ZOOM: f64 = 1e5;
@@ -72,6 +73,8 @@ impl Camera {
             let v = camera.to_view(*corner);
             distance.max(v[0].abs() / tan_x - v[2]).max(v[1].abs() / tan_y - v[2])
         });
+        let reach = corners.iter().map(|corner| -camera.to_view(*corner)[2]).fold(0.0, f64::max);
+        let closest = if fov.is_some() { CLOSEST.min(1.1 * (NEAR + reach)) } else { CLOSEST };
         if distance < CLOSEST && fov.is_none() {
             // Splats can extend far beyond the box of their centres, so the box gets a margin of 3 standard deviations.
             let margin = 3.0 * f64::from(scene.median_size());
@@ -83,7 +86,7 @@ impl Camera {
             let zoom = if share > 0.0 { (1.0 / share).clamp(1.0, MAX_ZOOM) } else { 1.0 };
             (camera.fx, camera.fy) = (zoom * camera.fx, zoom * camera.fy);
         }
-        camera.position = (center - forward * distance.max(CLOSEST)).into();
+        camera.position = (center - forward * distance.max(closest)).into();
         camera
     }
 }

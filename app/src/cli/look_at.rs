@@ -9,7 +9,7 @@ use crate::draw::projection;
 use crate::io::output::say;
 use anyhow::Result;
 use glam::DVec3;
-use splatgraph_assets::{Camera, Projection, Scene};
+use splatgraph_assets::{Camera, NEAR, Projection, Scene};
 use std::sync::OnceLock;
 
 /// Options of cameras without a file.
@@ -26,7 +26,8 @@ pub struct LookAtArgs {
     /// those of --cameras, which are then not drawn [default: the scene's, or -y]
     #[arg(long, value_name = "AXIS|X,Y,Z|cameras", allow_hyphen_values = true, value_parser = up)]
     up: Option<Up>,
-    /// Horizontal field of view, in degrees: up to 179, or 360 for a fisheye [default: 60 across the longer side]
+    /// Horizontal field of view, in degrees: up to 179, or 360 for a fisheye [default: 60 across the longer side,
+    /// or less for a scene smaller than a unit]
     #[arg(long, value_name = "DEGREES", value_parser = angle)]
     fov: Option<f64>,
     /// Height of an orthographic view, in world units [default: that of the perspective view, at the middle of the
@@ -219,6 +220,9 @@ impl LookAtArgs {
             _ => fov.min(MAX_FLAT_FOV),
         });
         let framing = self.eye.is_none().then(|| framed(scene, up, fov, size));
+        if let (Some(fov), Some(framing), None) = (fov, &framing, self.target) {
+            tell_small(scene, framing, fov);
+        }
         let eye = framing.as_ref().map_or(DVec3::ZERO, |camera| camera.position.into());
         let eye = self.eye.map_or(eye, local);
         if eye.distance(target) < 1e-9 * eye.length().max(1.0) {
@@ -296,6 +300,29 @@ fn default_fov((width, height): (u32, u32)) -> f64 {
     }
     let half = (0.5 * LONGER).to_radians().tan() * f64::from(width) / f64::from(height);
     2.0 * half.atan().to_degrees()
+}
+
+/// Computes the share of the picture's width or height that the box of most splats spans, from the picture's middle.
+fn span(scene: &Scene, camera: &Camera) -> f64 {
+    let corners = scene.robust_bounds().corners().map(|corner| {
+        let [x, y, z] = camera.to_view(corner);
+        let z = if camera.projection == Projection::Orthographic { 1.0 } else { z };
+        let share = |v: f64, focal: f64, side: u32| (2.0 * v / z * focal / f64::from(side)).abs();
+        share(x, camera.fx, camera.width).max(share(y, camera.fy, camera.height))
+    });
+    corners.into_iter().fold(0.0, f64::max)
+}
+
+/// Reports a scene that is small in its framing picture, because the camera must be beyond the near plane.
+fn tell_small(scene: &Scene, framing: &Camera, fov: f64) {
+    let share = span(scene, framing);
+    if share < 0.5 && framing.depth_range(&scene.robust_bounds()).0 < 1.5 * NEAR {
+        let percent = 100.0 * share;
+        say(format!(
+            "with --fov {fov}, the scene spans {percent:.0} % of the picture, because splats nearer than {NEAR} units are not \
+             drawn: leave out --fov, or enlarge the scene: `convert --transform scale:20`"
+        ));
+    }
 }
 
 /// Returns the factor by which a camera of [`Camera::framing`] enlarges a small scene; 1 if it does not.
@@ -380,6 +407,9 @@ mod tests {
                 let start = made(own).unwrap().start;
                 assert!(start.fx < 2.0 * f64::from(size.1), "{own}: no enlargement");
             }
+            // As near as the near plane allows.
+            let near = made("--fov 60").unwrap().start.depth_range(&small.robust_bounds()).0;
+            assert!((NEAR..1.2 * NEAR).contains(&near), "{near}");
         }
         assert_eq!(enlargement(&Camera::framing(&scene, 960, 540)), 1.0);
         // With a long or a wide lens, the scene fills the picture, too, seen from another distance.
@@ -387,13 +417,7 @@ mod tests {
             for projection in [Projection::Pinhole, Projection::Orthographic] {
                 let look = parse(&format!("--fov {fov}")).unwrap();
                 let camera = look.cameras(&scene, Some(size), projection).unwrap().unwrap().remove(0);
-                let corners = scene.robust_bounds().corners().map(|corner| camera.to_view(corner));
-                let filled = corners.iter().fold(0.0, |most: f64, [x, y, z]| {
-                    let z = if projection == Projection::Pinhole { *z } else { 1.0 };
-                    let share =
-                        |v: f64, focal: f64, side: u32| (v / z * focal).abs() / (0.5 * f64::from(side));
-                    most.max(share(*x, camera.fx, size.0)).max(share(*y, camera.fy, size.1))
-                });
+                let filled = span(&scene, &camera);
                 let least = if projection == Projection::Pinhole { 0.91 } else { 0.3 };
                 assert!((least..0.93).contains(&filled), "{fov}, {size:?}, {projection}: {filled}");
             }
