@@ -4,8 +4,10 @@
 //! images and the captured scenes are found through `SPLATGRAPH_DATA`.
 
 use crate::common;
+use splatgraph::draw::blind;
 use splatgraph::io::image::Image;
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::{Camera, Scene, synth};
+use splatgraph_reference::Rules;
 use splatgraph_reference::metrics::{self, Comparison};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -94,5 +96,16 @@ fn the_golden_images_of_the_repository_are_those_of_the_data_folder_to_the_bit()
         let name = format!("camera{index}");
         let bits = |image: Image| image.rgb.as_flattened().iter().map(|v| v.to_bits()).collect::<Vec<_>>();
         assert!(bits(here.image(&name)) == bits(sampled(&whole.image(&name))), "{name} differs");
+    }
+}
+
+#[test]
+fn no_camera_of_a_capture_or_the_demo_is_said_to_lose_much_to_the_near_plane() {
+    let captures = Golden::all("no_camera_of_a_capture_or_the_demo_is_said_to_lose_much_to_the_near_plane");
+    let demo = synth::generate("demo", 50_000, 0).expect("the demo scene");
+    let all = captures.iter().map(|golden| (golden.scene(), golden.cameras()));
+    for (scene, cameras) in all.chain([(demo.into(), synth::demo_cameras())]) {
+        let views: Vec<_> = cameras.iter().map(|camera| (camera, Rules::of_view(&scene, camera))).collect();
+        assert_eq!(blind::cut(&scene, &views), None);
     }
 }

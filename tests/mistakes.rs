@@ -108,13 +108,19 @@ fn mistakes_of_a_beginner_are_answered_with_the_way_to_go() {
     };
     let (all, some) = (tiny("0.1"), tiny("0.2"));
     assert!(all.contains(" are in the picture, but nearer than the near plane, 0.2 units; enlarge"), "{all}");
-    assert!(some.contains("% of the splats in a picture are nearer than the near plane"), "{some}");
+    assert!(some.contains("1 of 1 cameras lose a large part of their picture, up to "), "{some}");
+    let framed = |options: &str| place.said(&format!("render tiny.ply -o a.png --size 32x18 {options}")).1;
+    let (small, whole) = (framed("--fov 60"), framed("--orbit 1"));
+    assert!(
+        small.starts_with("with --fov 60, the scene spans ") && !whole.contains("spans"),
+        "{small}{whole}"
+    );
     let place_cameras = "render tiny.ply --eye 0,0,-0.2 --target 0,0,0 -o a.png --write-cameras near.json";
     place.done(place_cameras);
     let said = place
         .said("convert tiny.ply half.ply --transform scale:0.5 -c near.json --write-cameras half.json")
         .1;
-    assert!(said.contains("100 % of the splats in a picture are nearer"), "{said}");
+    assert!(said.contains("1 of 1 cameras lose a large part of their picture"), "{said}");
 }
 
 #[test]

@@ -5,7 +5,9 @@ use crate::io::losses::splats;
 use rayon::prelude::*;
 use splatgraph_assets::{Camera, Filter, Scene};
 use splatgraph_framework::plan::Plan;
-use splatgraph_reference::{LowPass, PictureMemoryError, Rules, project};
+use splatgraph_reference::{KeyOf, LowPass, PictureMemoryError, Projected, Rules, project};
+use std::collections::HashMap;
+use std::f64::consts::TAU;
 
 /// Opacity from which a splat contributes to the pixel nearest to its centre, whatever the low-pass filter.
 const CLEAR: f64 = 0.05;
@@ -22,19 +24,29 @@ pub fn sees(scene: &Scene, camera: &Camera) -> Result<bool, PictureMemoryError> 
     Ok(Truth::draw(scene, camera, [0.0; 3], &rules)?.stats.most_contributors > 0)
 }
 
-/// Finds the splats whose centres are in the picture, with opacities of at least `opacity` there.
-fn centred(scene: &Scene, camera: &Camera, rules: &Rules, opacity: f64) -> impl ParallelIterator<Item = u32> {
+/// Projects a splat; `None` if its centre is not in the picture, or its opacity there is below `opacity`.
+fn centre(scene: &Scene, index: u32, camera: &Camera, rules: &Rules, opacity: f64) -> Option<Projected> {
     let (width, height) = (f64::from(camera.width) - 1.0, f64::from(camera.height) - 1.0);
-    (0..scene.count()).into_par_iter().filter(move |index| {
-        project(scene, *index, camera, rules).is_some_and(|splat| {
-            let [x, y] = splat.center;
-            splat.opacity >= opacity && (0.0..=width).contains(&x) && (0.0..=height).contains(&y)
-        })
+    project(scene, index, camera, rules).filter(|splat| {
+        let [x, y] = splat.center;
+        splat.opacity >= opacity && (0.0..=width).contains(&x) && (0.0..=height).contains(&y)
     })
 }
 
-/// Share of the splats in a view from which it is noticed that they are nearer than the near plane.
+/// Finds the splats whose centres are in the picture, with opacities of at least `opacity` there.
+fn centred(scene: &Scene, camera: &Camera, rules: &Rules, opacity: f64) -> impl ParallelIterator<Item = u32> {
+    let is_inside = move |index: &u32| centre(scene, *index, camera, rules, opacity).is_some();
+    (0..scene.count()).into_par_iter().filter(is_inside)
+}
+
+/// Share of a scene's splats from which a loss of splats is noticed.
 const NOTICEABLE: f64 = 0.05;
+
+/// Share of a picture from which a loss of splats that would cover it is noticed.
+const NOTICEABLE_AREA: f64 = 0.25;
+
+/// Largest share of a picture that one splat counts for. A few floaters at a camera are normal, and could cover it all.
+const LARGEST_AREA: f64 = 0.02;
 
 /// A view: its camera, in the scene's coordinates, and the rules by which it was drawn.
 pub type View<'a> = (&'a Camera, Rules);
@@ -60,10 +72,12 @@ pub fn rules_of(plan: Option<&Plan>, scene: &Scene, camera: &Camera) -> Rules {
 
 /// Counts the splats whose centres are in the picture, without and with the near plane.
 fn in_picture(scene: &Scene, (camera, rules): &View) -> [usize; 2] {
-    [0.0, rules.near].map(|near| {
-        let wide = Rules { near, low_pass: Rules::PUBLISHED.low_pass, ..rules.clone() };
-        centred(scene, camera, &wide, rules.alpha_floor).count()
-    })
+    [0.0, rules.near].map(|near| centred(scene, camera, &wide(rules, near), rules.alpha_floor).count())
+}
+
+/// Returns rules with another near plane, and with the low-pass filter that leaves out no splat.
+fn wide(rules: &Rules, near: f64) -> Rules {
+    Rules { near, low_pass: Rules::PUBLISHED.low_pass, ..rules.clone() }
 }
 
 /// Names the near plane, and how to get beyond it.
@@ -75,20 +89,65 @@ fn too_near(rules: &Rules) -> String {
     )
 }
 
-/// Reports the largest share of the splats in a view that the near plane cuts off; `None` if it is not noticeable.
-pub fn cut(scene: &Scene, views: &[View]) -> Option<String> {
-    let bounds = scene.robust_bounds();
-    let share = |view: &View| {
-        let (camera, Rules { near, .. }) = view;
-        // Splats are projected for few scenes: most cameras are farther away, or within a scene that is large.
-        let is_close = bounds.extent() < 20.0 * near && camera.depth_range(&bounds).0 <= *near;
-        let [all, beyond] = if is_close { in_picture(scene, view) } else { [1, 1] };
-        (all - beyond) as f64 / all.max(1) as f64
+/// Computes the share of the picture that a splat would cover without the near plane. `None` if the splat is beyond the
+/// near plane, or its centre is not in the picture.
+fn cut_area(scene: &Scene, index: u32, (camera, rules): &View) -> Option<f64> {
+    let view = glam::DVec3::from(camera.to_view(scene.positions()[index as usize].map(f64::from)));
+    let is_sphere = camera.projection.sees_behind() && rules.key_of == KeyOf::Distance;
+    let depth = if is_sphere { view.length() } else { view.z };
+    // Most splats are rejected before they are projected. A pinhole's principal point is inside the picture.
+    let is_outside = |v: f64, focal: f64, side: u32| (v * focal).abs() > depth * f64::from(side);
+    let is_aside =
+        is_outside(view.x, camera.fx, camera.width) || is_outside(view.y, camera.fy, camera.height);
+    if depth <= 0.0 || depth > rules.near || (camera.projection.is_pinhole() && is_aside) {
+        return None;
+    }
+    let splat = centre(scene, index, camera, &wide(rules, 0.0), rules.alpha_floor)?;
+    let pixels = f64::from(camera.width) * f64::from(camera.height);
+    Some((TAU * splat.determinant.sqrt() * splat.opacity / pixels).min(LARGEST_AREA))
+}
+
+/// Counts the splats that the near plane cuts off in each view, and sums their shares of the picture.
+///
+/// Splats farther from a camera than twice the near plane are not counted. There are some in views above 120 degrees.
+fn cut_off(scene: &Scene, views: &[View]) -> Vec<(u64, f64)> {
+    // A grid finds the cameras at a splat: most splats are at none.
+    let side = 2.0 * views.iter().map(|(_, rules)| rules.near).fold(0.0, f64::max);
+    let cell = |point: [f64; 3]| point.map(|v| (v / side).floor() as i64);
+    let mut grid: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
+    for (view, (camera, _)) in views.iter().enumerate() {
+        let middle = cell(camera.position);
+        for [x, y, z] in (0..27).map(|cell| [cell % 3, cell / 3 % 3, cell / 9]) {
+            let steps = [x - 1, y - 1, z - 1];
+            let near = std::array::from_fn(|axis| middle[axis].saturating_add(steps[axis]));
+            grid.entry(near).or_default().push(view);
+        }
+    }
+    let add = |mut sums: Vec<(u64, f64)>, index: u32| {
+        let at = cell(scene.positions()[index as usize].map(f64::from));
+        for &view in grid.get(&at).into_iter().flatten() {
+            if let Some(area) = cut_area(scene, index, &views[view]) {
+                sums[view].0 += 1;
+                sums[view].1 += area;
+            }
+        }
+        sums
     };
-    let (share, view) = views.iter().map(|view| (share(view), view)).max_by(|a, b| a.0.total_cmp(&b.0))?;
-    let said =
-        || format!("up to {:.0} % of the splats in a picture are {}", 100.0 * share, too_near(&view.1));
-    (share >= NOTICEABLE).then(said)
+    let none = || vec![(0, 0.0); views.len()];
+    let sum = |a: Vec<(u64, f64)>, b| a.into_iter().zip(b).map(|((n, x), (m, y))| (n + m, x + y)).collect();
+    (0..scene.count()).into_par_iter().fold(none, add).reduce(none, sum)
+}
+
+/// Reports the views of which the near plane cuts off a noticeable part; `None` if there are none.
+pub fn cut(scene: &Scene, views: &[View]) -> Option<String> {
+    let is_noticed = |(splats, area): &(u64, f64)| {
+        *splats as f64 > NOTICEABLE * f64::from(scene.count()) || *area >= NOTICEABLE_AREA
+    };
+    let noticed: Vec<u64> =
+        cut_off(scene, views).into_iter().filter(is_noticed).map(|(splats, _)| splats).collect();
+    let (most, near) = (splats(*noticed.iter().max()?), too_near(&views.first()?.1));
+    let (count, of) = (noticed.len(), views.len());
+    Some(format!("{count} of {of} cameras lose a large part of their picture, up to {most}: they are {near}"))
 }
 
 /// Names the rules that left out splats whose centres are in the picture of a view without a splat. `None` if there are
@@ -156,7 +215,7 @@ pub fn check(scene: &Scene, blind: &[Camera], of: usize) -> Result<Option<String
 #[cfg(test)]
 mod tests {
     use super::*;
-    use splatgraph_assets::{Similarity, Splat, synth};
+    use splatgraph_assets::{Projection, Similarity, Splat, synth};
 
     #[test]
     fn a_camera_sees_a_splat_if_one_contributes_to_its_exact_picture() {
@@ -219,12 +278,46 @@ mod tests {
         assert!(all.starts_with("1 of 1 cameras see no splat: the centres of 300 splats are in"), "{all}");
         assert!(all.ends_with(&format!("picture, but {remedy}")), "{all}");
         let half = said(0.2).1.expect("half of the splats are too near");
-        let share = half.strip_prefix("up to ").and_then(|text| text.split_once(' ')).expect("a share");
-        assert!(share.0.parse().is_ok_and(|share: u32| (30..=70).contains(&share)), "{half}");
-        assert_eq!(share.1, format!("% of the splats in a picture are {remedy}"));
+        let count = half.strip_prefix("1 of 1 cameras lose a large part of their picture, up to ");
+        let count = count.and_then(|text| text.split_once(' ')).expect("a count");
+        assert!(count.0.parse().is_ok_and(|count: u32| (90..=210).contains(&count)), "{half}");
+        assert_eq!(count.1, format!("splats: they are {remedy}"));
         assert_eq!(said(0.3).1, None);
         // From within a large scene, few splats are too near.
         let large = synth::generate("uniform", 300, 0).expect("a small scene");
         assert_eq!(cut(&large, &[(&at(0.1), Rules::PUBLISHED)]), None);
+    }
+
+    #[test]
+    fn cameras_that_lose_a_wall_are_told_and_those_that_lose_floaters_are_not() {
+        // A tube along z, with a radius of 0.3 and a length of 10 units. The first splats are floaters instead.
+        let tube = |floaters: usize| {
+            Scene::generate(30_000, 0, move |index| {
+                let share = index as f64 / 30_000.0;
+                // By the golden ratio, the turns are spread evenly.
+                let (sin, cos) = (TAU * 0.618_034 * index as f64).sin_cos();
+                let (position, scale) = match index < floaters {
+                    true => ([0.3 * share, 0.0, 5.15], 0.05),
+                    false => ([0.3 * cos, 0.3 * sin, 10.0 * share], 0.015),
+                };
+                let (position, rotation) = (position.map(|v| v as f32), [1.0, 0.0, 0.0, 0.0]);
+                Splat { position, scale: [scale; 3], rotation, opacity: 0.8, sh: [0.0; 48] }
+            })
+        };
+        let told = |scene: &Scene, cameras: &[Camera]| {
+            let views: Vec<View> =
+                cameras.iter().map(|camera| (camera, Rules::of_view(scene, camera))).collect();
+            cut(scene, &views)
+        };
+        let along = |eye: [f64; 3], fov: f64| Camera::looking_at(eye, [0.0, 0.0, 9.0], fov, (960, 540));
+        let across = Camera::looking_at([0.15, 0.0, 5.0], [0.3, 0.0, 5.1], 60.0, (960, 540));
+        let silent = [along([0.0, 0.0, 5.0], 60.0), along([0.0, 0.0, -5.0], 60.0)];
+        let wide = along([0.0, 0.0, 5.0], 120.0);
+        let around = wide.with_projection(Projection::Equirectangular, [0.0; 3]);
+        let beside = Camera { position: [0.25, 0.0, 5.0], ..around.clone() };
+        let all = [silent.as_slice(), &[around, wide, across, beside]].concat();
+        let said = told(&tube(0), &all).expect("three cameras are too close to the wall");
+        assert!(said.starts_with("3 of 6 cameras lose a large part of their picture, up to "), "{said}");
+        assert_eq!(told(&tube(10), &silent), None);
     }
 }

@@ -353,10 +353,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     };
     if let Some((there, drawn)) = told {
-        let (scene, camera) = (session.scene(), film.camera(0.0));
+        let scene = session.scene();
+        let shown: Vec<_> = cameras.iter().map(|camera| camera.projected(graph, scene)).collect();
         let rules = |camera| (camera, blind::rules_of(session.plan(), scene, camera));
-        let first: Vec<_> = camera.iter().map(rules).collect();
-        loading::tell_blind(scene, (drawn.blind, drawn.frames), &first, "the same command");
+        let views: Vec<_> = shown.iter().map(rules).collect();
+        loading::tell_blind(scene, (drawn.blind, drawn.frames), &views, "the same command");
         let line = job.summary(there, &drawn, began.elapsed().as_secs_f64());
         Stdout::of([Some(args.output.as_path()), args.write_cameras.as_deref()].into_iter().flatten())
             .line(&line)?;
