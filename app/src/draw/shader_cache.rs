@@ -82,6 +82,7 @@ impl ShaderCache {
         self.prune();
         let words: Vec<u8> = spirv.iter().flat_map(|word| word.to_le_bytes()).collect();
         let sum = crc32fast::hash(&words).to_le_bytes();
+        #[cfg_attr(not(unix), allow(unused_mut, reason = "other systems have no such permissions"))]
         let mut file = tempfile::Builder::new();
         // The umask applies. By default, other users of a shared folder could not read the file.
         #[cfg(unix)]

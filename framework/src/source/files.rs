@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::{fmt, fs};
 
 use super::content::{self, Content, Found, MAX_FILE, Wanted};
-use super::paths::{appended, displayed, joined, normalised, parent, root_and_rest};
+use super::paths::{appended, displayed, joined, normalised, parent, root_and_rest, slashed};
 use super::{Diagnostic, nearest};
 use crate::ir::{FileId, Origin, Span};
 
@@ -565,8 +565,8 @@ fn spellings(name: &str, kind: Kind) -> Vec<String> {
 ///
 /// [`SourceMap::new`] resolves the paths of [`Library::unsaved`] in this way.
 pub fn canonical(path: &Path) -> PathBuf {
-    let missing = || Some(fs::canonicalize(path.parent()?).ok()?.join(path.file_name()?));
-    fs::canonicalize(path).ok().or_else(missing).unwrap_or_else(|| path.to_path_buf())
+    let missing = || Some(dunce::canonicalize(path.parent()?).ok()?.join(path.file_name()?));
+    dunce::canonicalize(path).ok().or_else(missing).unwrap_or_else(|| path.to_path_buf())
 }
 
 /// Returns the folders that the graph at `path` may take files from, its own folder first.
@@ -575,12 +575,12 @@ fn own_roots(path: &Path) -> Vec<PathBuf> {
         Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
         _ => PathBuf::from("."),
     };
-    let text = folder.to_string_lossy();
+    let text = slashed(&folder);
     let around = root_and_rest(&text).map(|(root, _)| if root.is_empty() { "." } else { root });
-    let pairs = [Some(Path::new(&*text).join("..")), around.map(PathBuf::from)].into_iter().flatten();
+    let pairs = [Some(Path::new(&text).join("..")), around.map(PathBuf::from)].into_iter().flatten();
     let pairs = pairs.flat_map(|root| [Kind::Graph, Kind::Shader].map(|kind| root.join(kind.folder())));
     let existing =
-        std::iter::once(folder.clone()).chain(pairs).filter_map(|root| fs::canonicalize(root).ok());
+        std::iter::once(folder.clone()).chain(pairs).filter_map(|root| dunce::canonicalize(root).ok());
     existing.collect()
 }
 

@@ -5,34 +5,50 @@ use std::path::Path;
 
 /// Simplifies `.` and `..` in a path for messages, unless that would lead to another file.
 pub(super) fn displayed(path: &Path) -> String {
-    let plain = path.to_string_lossy();
+    let plain = slashed(path);
     let short = normalised(&plain);
     // After a link to a folder, `..` is not the previous component of the path.
     match (fs::canonicalize(path), fs::canonicalize(&short)) {
-        (Ok(a), Ok(b)) if a != b => plain.into_owned(),
+        (Ok(a), Ok(b)) if a != b => plain,
         _ => short,
+    }
+}
+
+/// Returns the text of a path, with `/` between components also on Windows, which accepts it.
+pub(super) fn slashed(path: &Path) -> String {
+    let text = path.to_string_lossy();
+    if cfg!(windows) { text.replace('\\', "/") } else { text.into_owned() }
+}
+
+/// Returns the length of an absolute path's root, such as `/`, or on Windows `C:/` and `//`; 0 for a relative path.
+fn root_length(path: &str) -> usize {
+    match path.as_bytes() {
+        [b'/', b'/', ..] if cfg!(windows) => 2,
+        [b'/', ..] => 1,
+        [_, b':', b'/', ..] if cfg!(windows) => 3,
+        _ => 0,
     }
 }
 
 /// Removes `.`, inner `..` and doubled slashes from a path, as text. A leading `..` of a relative path stays.
 pub(super) fn normalised(path: &str) -> String {
     let mut parts: Vec<&str> = Vec::new();
-    let absolute = path.starts_with('/');
-    for part in path.split('/') {
+    let (root, rest) = path.split_at(root_length(path));
+    for part in rest.split('/') {
         match part {
             "" | "." => {}
             ".." if parts.last().is_some_and(|last| *last != "..") => {
                 parts.pop();
             }
-            ".." if absolute => {}
+            ".." if !root.is_empty() => {}
             _ => parts.push(part),
         }
     }
-    format!("{}{}", if absolute { "/" } else { "" }, parts.join("/"))
+    format!("{root}{}", parts.join("/"))
 }
 
 pub(super) fn joined(folder: &str, name: &str) -> String {
-    if name.starts_with('/') { normalised(name) } else { normalised(&appended(folder, name)) }
+    if root_length(name) > 0 { normalised(name) } else { normalised(&appended(folder, name)) }
 }
 
 pub(super) fn appended(folder: &str, name: &str) -> String {

@@ -16,10 +16,8 @@ use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
-#[cfg(unix)]
-use std::sync::TryLockError;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 use tracing::info_span;
 
 /// The cause of a failure, from any writer.
@@ -247,7 +245,6 @@ pub(super) fn hidden_names() -> MutexGuard<'static, BTreeSet<PathBuf>> {
 /// Removes unfinished files. No file can be named while the returned guard lives.
 ///
 /// `None` if another thread holds the lock for half a second, because the reader of a full pipe blocks it.
-#[cfg(unix)]
 pub(super) fn abandon() -> Option<MutexGuard<'static, BTreeSet<PathBuf>>> {
     for _ in 0..100 {
         let mut names = match HIDDEN.try_lock() {

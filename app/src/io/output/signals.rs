@@ -3,7 +3,8 @@
 //! SIGINT, SIGTERM and SIGHUP end the program at once, regardless of what its threads are doing. Finished files stay,
 //! unfinished ones are removed, and the exit code is 128 plus the signal's number. A second signal ends it without that
 //! cleanup. A signal that the parent process set to be ignored, as `nohup` does, stays ignored. A file that exceeds the
-//! process's size limit causes an error, and does not end the program.
+//! process's size limit causes an error, and does not end the program. On Windows, Ctrl-C, Ctrl-Break and a closed
+//! console do the same, with the exit code of Ctrl-C.
 
 /// Installs the signal handlers. Call it once, at the start of the program.
 ///
@@ -53,9 +54,18 @@ pub fn end_now(code: u8) {
 #[cfg(not(unix))]
 pub fn end_now(_: u8) {}
 
-/// Does nothing: this system has no such signals.
-#[cfg(not(unix))]
-pub fn end_cleanly() {}
+/// Installs the handler of the console's events. Call it once, at the start of the program.
+#[cfg(windows)]
+pub fn end_cleanly() {
+    /// `STATUS_CONTROL_C_EXIT`, with which Windows ends a program that has no handler.
+    const ENDED: i32 = 0xC000_013A_u32.cast_signed();
+    let end = || {
+        let _held = super::file::abandon();
+        std::process::exit(ENDED);
+    };
+    // Without the handler's thread, an unfinished file can stay behind.
+    let _ = ctrlc::set_handler(end);
+}
 
 #[cfg(unix)]
 fn is_ignored(signal: i32) -> bool {

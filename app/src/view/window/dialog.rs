@@ -50,7 +50,7 @@ impl Dialog {
             .set_title(title)
             .add_filter(filter, &endings)
             .add_filter("All files", &["*"]);
-        if let Some(folder) = near.parent().and_then(|folder| folder.canonicalize().ok()) {
+        if let Some(folder) = near.parent().and_then(|folder| dunce::canonicalize(folder).ok()) {
             dialog = dialog.set_directory(folder);
         }
         let answer = dialog.pick_file();

@@ -106,7 +106,7 @@ fn advice(editor: &str) -> String {
 
 /// Returns the absolute path of a file that is named relative to `folder`. Fails if there is no such file.
 fn located(file: &str, folder: &Path) -> Result<PathBuf, String> {
-    folder.join(file).canonicalize().map_err(|error| {
+    dunce::canonicalize(folder.join(file)).map_err(|error| {
         let is_built_in = builtin::FILES.iter().any(|(path, _)| *path == file);
         match error.kind() {
             ErrorKind::NotFound if is_built_in => {
