@@ -81,9 +81,14 @@ fn binary(node: &Node, op: BinaryOp, operands: &[Node; 2], scope: &dyn Scope) ->
         let b = whole(right, b, &symbol)?;
         return shift(node, op, right, a, b);
     }
-    let a = number(left, a, &symbol)?;
+    let a = number(left, a, &symbol).map_err(|error| match &left.kind {
+        NodeKind::Binary(first, _) if compares(*first) && compares(op) => {
+            error.with_help("`a < b < c` is written `a < b && b < c`")
+        }
+        _ => error,
+    })?;
     let b = number(right, b, &symbol)?;
-    if let BinaryOp::Less | BinaryOp::LessEqual | BinaryOp::Greater | BinaryOp::GreaterEqual = op {
+    if compares(op) {
         let order = match (a, b) {
             (Number::Int(a), Number::Int(b)) => Some(a.cmp(&b)),
             _ => a.to_float().partial_cmp(&b.to_float()),
@@ -127,6 +132,11 @@ fn binary(node: &Node, op: BinaryOp, operands: &[Node; 2], scope: &dyn Scope) ->
             )
         }
     }
+}
+
+/// Returns true for operators that need numbers and return a bool.
+fn compares(op: BinaryOp) -> bool {
+    matches!(op, BinaryOp::Less | BinaryOp::LessEqual | BinaryOp::Greater | BinaryOp::GreaterEqual)
 }
 
 fn equal(right: &Node, symbol: &str, a: Value, b: Value) -> Result<bool, ExprError> {

@@ -20,7 +20,7 @@ pub(super) fn parse(text: &str) -> Result<Node, ExprError> {
     match parser.token {
         Token::End => Ok(tree.node),
         Token::Symbol(")") => Err(parser.error_here("this `)` closes nothing")),
-        _ => Err(parser.error_here(format!("expected an operator, found {}", parser.found()))),
+        _ => Err(parser.no_operator("an operator")),
     }
 }
 
@@ -172,9 +172,10 @@ impl Parser<'_> {
     fn call(&mut self, name: &str, place: Range<usize>) -> Result<Tree, ExprError> {
         let Some(function) = Function::named(name) else {
             let names = || Function::TABLE.iter().map(|f| f.1);
-            let help = match nearest(name, names()) {
-                Some(near) => format!("did you mean `{near}`?"),
-                None => format!("the functions are {}", names().collect::<Vec<_>>().join(", ")),
+            let help = match (help_for(name), nearest(name, names())) {
+                (Some(help), _) => help.into(),
+                (None, Some(near)) => format!("did you mean `{near}`?"),
+                (None, None) => format!("the functions are {}", names().collect::<Vec<_>>().join(", ")),
             };
             return Err(ExprError::new(format!("there is no function `{name}`"), place).with_help(help));
         };
@@ -214,7 +215,7 @@ impl Parser<'_> {
         if self.token == Token::End {
             return Err(ExprError::new("this `(` is not closed", open));
         }
-        Err(self.error_here(format!("expected an operator or `)`, found {}", self.found())))
+        Err(self.no_operator("an operator or `)`"))
     }
 
     fn tree(&self, kind: NodeKind, place: Range<usize>, height_below: usize) -> Result<Tree, ExprError> {
@@ -240,6 +241,17 @@ impl Parser<'_> {
 
     fn error_here(&self, message: impl Into<String>) -> ExprError {
         ExprError::new(message, self.start..self.end)
+    }
+
+    /// Returns the error for a token that follows a whole operand. The token, or the operand, may be an operator of
+    /// another language.
+    fn no_operator(&self, expected: &str) -> ExprError {
+        let error = self.error_here(format!("expected {expected}, found {}", self.found()));
+        let before = self.text[..self.last_end].rsplit(|c| !continues_name(c)).next();
+        match [Some(&self.text[self.start..self.end]), before].into_iter().flatten().find_map(help_for) {
+            Some(help) => error.with_help(help),
+            None => error,
+        }
     }
 
     fn found(&self) -> String {
@@ -292,13 +304,9 @@ impl Parser<'_> {
             format!("unexpected `{}`", c.escape_debug()),
             self.start..self.start + c.len_utf8(),
         );
-        match c {
-            '=' => error.with_help("values are compared with `==`"),
-            '&' => error.with_help("and is written `&&`"),
-            '|' => error.with_help("or is written `||`"),
-            '"' => error.with_help("a string is written in single quotes: `'over'`"),
-            '^' => error.with_help("a power of two is written `1 << n`"),
-            _ => error,
+        match help_for(c.encode_utf8(&mut [0; 4])) {
+            Some(help) => error.with_help(help),
+            None => error,
         }
     }
 
@@ -341,6 +349,19 @@ impl Parser<'_> {
             _ => Err(ExprError::new(format!("`{written}` is not a number"), place)),
         }
     }
+}
+
+/// Returns how to write what a word or a character means in other languages; `None` for other texts.
+fn help_for(text: &str) -> Option<&'static str> {
+    Some(match text {
+        "=" => "values are compared with `==`",
+        "&" | "and" => "and is written `&&`",
+        "|" | "or" => "or is written `||`",
+        "not" => "not is written `!`",
+        "\"" => "a string is written in single quotes: `'over'`",
+        "^" => "a power of two is written `1 << n`",
+        _ => return None,
+    })
 }
 
 fn starts_name(c: char) -> bool {

@@ -294,7 +294,8 @@ fn wrong_types_are_errors_at_the_operand() {
     fails("sort * 2", "`*` needs a number, and this is a bool", "sort");
     fails("-sort", "`-` needs a number, and this is a bool", "sort");
     fails("'a' < 'b'", "`<` needs a number, and this is a string", "'a'");
-    fails("1 < 2 < 3", "`<` needs a number, and this is a bool", "1 < 2");
+    let help = fails("1 < 2 < 3", "`<` needs a number, and this is a bool", "1 < 2");
+    assert_eq!(help.as_deref(), Some("`a < b < c` is written `a < b && b < c`"));
     fails("blend == 1", "`==` compares a string with an integer", "1");
     fails("sort != 1", "`!=` compares a bool with an integer", "1");
     let help = fails("n && sort", "`&&` needs a bool, and this is an integer", "n");
@@ -367,8 +368,15 @@ fn syntax_errors_point_at_the_token() {
 fn habits_from_other_languages_are_met_with_help() {
     let help = |text| eval(text).unwrap_err().help.unwrap_or_default();
     assert_eq!(help("n = 1"), "values are compared with `==`");
-    assert_eq!(help("sort & sort"), "and is written `&&`");
-    assert_eq!(help("sort | sort"), "or is written `||`");
+    for and in ["sort & sort", "sort and sort", "(sort and sort)"] {
+        assert_eq!(help(and), "and is written `&&`");
+    }
+    for or in ["sort | sort", "sort or not sort"] {
+        assert_eq!(help(or), "or is written `||`");
+    }
+    for not in ["not sort", "sort && not(sort)", "sort && not sort"] {
+        assert_eq!(help(not), "not is written `!`");
+    }
     assert_eq!(help("blend == \"over\""), "a string is written in single quotes: `'over'`");
     assert_eq!(help("blend == 'over"), "a string is written in single quotes: `'over'`");
     assert_eq!(help("2 ^ 8"), "a power of two is written `1 << n`");
