@@ -16,6 +16,7 @@ use crate::scene::{Scene, ScenePart, sh_floats};
 use crate::similarity::Similarity;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
+use ron::error::{Error, SpannedError};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -85,16 +86,41 @@ pub(crate) fn begins_as_scenes(head: &[u8]) -> bool {
 /// Parses the text of a file in `folder`. Fails for invalid text or numbers out of range, and if it names no scene.
 pub(crate) fn parse(text: &str, folder: &Path) -> Result<Vec<Placed>, SceneError> {
     let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
-    let scenes: Scenes = ron::from_str(text).map_err(|error| {
-        let at = error.span.start;
-        SceneError::Invalid(format!("line {}, column {}: {}", at.line, at.col, error.code))
-    })?;
+    let scenes: Scenes = ron::from_str(text).map_err(|error| SceneError::Invalid(told(text, &error)))?;
     if scenes.0.is_empty() {
         return Err(SceneError::Invalid("expected at least one scene, found none".into()));
     }
     // Each entry has one key `file`.
     let places = places_of(text, "file").into_iter().chain(std::iter::repeat((1, 1)));
     scenes.0.into_iter().zip(places).map(|(part, at)| placed(part, at, folder)).collect()
+}
+
+/// Fields of a scene, each with an example.
+const FIELDS: [(&str, &str); 4] = [
+    ("file", "\"a.ply\""),
+    ("scale", "0.5"),
+    ("rotate", "(axis: (0, 1, 0), degrees: 90)"),
+    ("translate", "(1, 0, -2)"),
+];
+
+/// Describes an error in a list of scenes. For a wrong value, RON's text would not name the field.
+fn told(text: &str, error: &SpannedError) -> String {
+    let at = (error.span.start.line, error.span.start.col);
+    let before = |field| places_of(text, field).into_iter().filter(|place| *place <= at).max();
+    let last = FIELDS.iter().filter_map(|(field, example)| Some((before(field)?, field, example))).max();
+    let message = match (&error.code, last) {
+        (
+            Error::ExpectedString
+            | Error::ExpectedFloat
+            | Error::ExpectedStructLike
+            | Error::ExpectedNamedStructLike("Rotation")
+            | Error::ExpectedDifferentLength { .. }
+            | Error::SuggestRawIdentifier(_),
+            Some((_, field, example)),
+        ) => format!("expected for instance `{field}: {example}`"),
+        (code, _) => code.to_string(),
+    };
+    format!("line {}, column {}: {message}", at.0, at.1)
 }
 
 /// Returns the line and column, from 1, of each occurrence of a word outside comments and strings.
@@ -227,6 +253,16 @@ mod tests {
         says(said("Scenes([Scene(file: \"a\", rotate: (axis: (0, 0, 0), degrees: 9))])"), "expected an axis");
         says(said("Scenes([Scene(file: \"a\", translate: (1, 1e30, 0))])"), "within 1e18");
         says(said("Scenes([])"), "expected at least one scene");
+        let rotate = "expected for instance `rotate: (axis: (0, 1, 0), degrees: 90)`";
+        for (field, example) in [
+            ("rotate: (0, 90, 0)", rotate),
+            ("rotate: 90", rotate),
+            ("rotate: (axis: \"y\", degrees: 90)", rotate),
+            ("scale: (1, 1, 1)", "expected for instance `scale: 0.5`"),
+            ("translate: [1, 0, 0]", "expected for instance `translate: (1, 0, -2)`"),
+        ] {
+            says(said(&format!("Scenes([Scene(file: \"a\", {field})])")), example);
+        }
     }
 
     #[test]
