@@ -106,6 +106,12 @@ fn transform(text: &str) -> Result<Similarity, String> {
     }
     let (kind, values) = numbers(text, &kinds)?;
     match (kind, values.as_slice()) {
+        // Many tools take the angle first.
+        ("rotate", &[angle, x, y, z])
+            if angle.abs() > 1.0 && DVec3::AXES.contains(&DVec3::new(x, y, z).abs()) =>
+        {
+            Err(format!("expected the axis, then the angle: rotate:{x},{y},{z},{angle}"))
+        }
         ("rotate", &[x, y, z, degrees]) => {
             let axis = DVec3::new(x, y, z).try_normalize().ok_or("expected an axis other than 0,0,0")?;
             Ok(Similarity {
@@ -481,6 +487,12 @@ mod tests {
         );
         assert!(said(&["--crop", "sphere:1,2,3,0"]).contains("expected a radius above 0"));
         assert!(said(&["--transform", "rotate:0,0,0,90"]).contains("expected an axis other than 0,0,0"));
+        let first = said(&["--transform", "rotate:180,1,0,0"]);
+        assert!(first.contains("expected the axis, then the angle: rotate:1,0,0,180"), "{first}");
+        assert!(
+            edit(&["--transform", "rotate:1,0,0,0"]).is_ok(),
+            "no turn, for instance in a loop over angles"
+        );
         assert!(said(&["--transform", "scale:1,1,-1"]).contains("expected one factor for all axes, found 3"));
         assert!(said(&["--transform", "scale:-1"]).contains("expected a factor of 1e-9 to 1e9"));
     }
