@@ -107,16 +107,18 @@ fn tags_in_which_scenes_differ_are_reported_by_every_command_that_merges() {
     tagged.splice(4..4, b"comment vertical axis: z\n".iter().copied());
     place.write("tagged.ply", tagged);
     place.write("both.ron", "Scenes([Scene(file: \"a.ply\"), Scene(file: \"tagged.ply\")])");
-    let told = "tags that are ignored, because the scenes differ in them: up\n";
+    let told = "tags that are ignored, because the scenes differ in them: up";
+    let all = "; for instance `render --up y`, or `convert --tag up=y`, gives all scenes one up direction\n";
+    let tag = "`--up 0,0,1` turns all scenes upright if they share this direction; otherwise, `convert";
     let render = "render -c cameras.json#0 --size 16x9 -p splat -o out.png";
-    for (scenes, name) in [("both.ron", "both.ron"), ("a.ply tagged.ply", "all scenes")] {
+    for (scenes, name, advice) in [("both.ron", "both.ron", all), ("a.ply tagged.ply", "all scenes", tag)] {
         let (_, errors) = place.said(&format!("{render} {scenes}"));
-        assert!(errors.contains(&format!("{name}: {told}")), "{errors}");
+        assert!(errors.contains(&format!("{name}: {told}")) && errors.contains(advice), "{errors}");
         let (_, errors) = place.said(&format!("{render} {scenes} --ignore-tags"));
         assert!(!errors.contains("tags"), "{errors}");
     }
     assert!(place.done("info both.ron").contains("tags left out         up: the merged scenes differ"));
-    let lost = "lost: tags in which the merged scenes differ: up\n";
+    let lost = "lost: tags in which the merged scenes differ: up; for instance `--tag up=y` gives all one up direction\n";
     for scenes in ["both.ron", "a.ply --merge=tagged.ply"] {
         assert!(place.done(&format!("convert {scenes} out.ply")).contains(lost), "{scenes}");
     }

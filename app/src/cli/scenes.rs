@@ -116,8 +116,12 @@ impl ScenesArgs {
                 all.extend(last);
                 let joined = Scene::joined(&all)?;
                 loading::tell_mixed_tags("all scenes", &joined);
-                let ups = all.iter().filter_map(|scene| scene.notes().up.filter(|_| joined.notes().mixed.up));
-                ups.filter_map(losses::lost_up).for_each(say);
+                if joined.notes().mixed.up {
+                    let mut ups: Vec<_> = all.iter().filter_map(|scene| scene.notes().up).collect();
+                    ups.dedup();
+                    let others = ups.len() == 1;
+                    ups.into_iter().filter_map(|up| losses::lost_up(up, others)).for_each(say);
+                }
                 joined
             }
         };

@@ -118,7 +118,10 @@ pub fn notes(scene: &Scene) -> Vec<String> {
         skipped(scene)
             .map(|names| format!("properties that are not read, although they may matter: {names}")),
         after_rows(scene).map(|data| format!("not read: {data}")),
-        mixed_tags(scene),
+        mixed_tags(scene).map(|tags| match scene.notes().mixed.up {
+            true => format!("{tags}; for instance `render --up y`, or `convert --tag up=y`, gives all scenes one up direction"),
+            false => tags,
+        }),
     ];
     texts.into_iter().flatten().collect()
 }
@@ -237,11 +240,20 @@ fn fraction(step: f64) -> String {
 
 /// Describes how a scene with this up direction is shown without the tag, and the rotation that turns it upright.
 /// `None` if the direction is within a degree of that of files without a tag.
-pub fn lost_up(up: [f64; 3]) -> Option<String> {
+///
+/// With `others`, it is drawn beside scenes without a tag. They may have the same direction, so the text also includes
+/// the option that turns all scenes upright.
+pub fn lost_up(up: [f64; 3], others: bool) -> Option<String> {
     let (rotation, degrees) = upright(up)?;
     let view = if degrees > 135.0 { "is shown upside down" } else { "lies on its side" };
     let [x, y, z] = up;
-    Some(format!("the tag up {x},{y},{z}: without it, the scene {view}; {rotation} turns it upright"))
+    let all = match others {
+        true => {
+            format!("`--up {x},{y},{z}` turns all scenes upright if they share this direction; otherwise, ")
+        }
+        false => String::new(),
+    };
+    Some(format!("the tag up {x},{y},{z}: without it, the scene {view}; {all}{rotation} turns it upright"))
 }
 
 /// Formats the rotation that turns a scene with this up direction upright, for readers that assume y down. Also returns
@@ -303,12 +315,17 @@ fn not_stored(scene: &Scene, format: SceneFormat) -> Vec<String> {
         Some((_, other)) => {
             Some(format!("the tag {tag} {value}: the file has {other} instead, another rule"))
         }
-        None if tag == "up" => scene.notes().up.and_then(lost_up),
+        None if tag == "up" => scene.notes().up.and_then(|up| lost_up(up, false)),
         None => Some(format!("the tag {tag} {value}")),
     }));
-    losses.extend(
-        scene.notes().mixed_tags().map(|tags| format!("tags in which the merged scenes differ: {tags}")),
-    );
+    losses.extend(scene.notes().mixed_tags().map(|tags| {
+        let advice = if scene.notes().mixed.up {
+            "; for instance `--tag up=y` gives all one up direction"
+        } else {
+            ""
+        };
+        format!("tags in which the merged scenes differ: {tags}{advice}")
+    }));
     if format == SceneFormat::Gltf && scene.notes().key_of == SortKey::Depth {
         losses.push("the order by depth: the format only supports order by distance from the camera".into());
     }
