@@ -145,17 +145,20 @@ fn a_film_on_standard_output_is_a_y4m_and_a_reader_that_leaves_is_no_error() {
         String::from_utf8_lossy(&odd.stderr).contains("encoders expect even numbers, the keys have 49 x 27")
     );
     assert!(place.bytes("odd.y4m").starts_with(b"YUV4MPEG2 W50 H28 "));
-    let large = LINE.replace("--size=48x27", "--size=640x360");
-    let mut child = place
-        .program(&format!("{large} -"))
-        .args(common::device_option())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("it starts");
-    drop(child.stdout.take());
-    let output = child.wait_with_output().expect("it ends");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    for size in ["--size=48x27", "--size=640x360"] {
+        let mut child = place
+            .program(&format!("{} -", LINE.replace("--size=48x27", size)))
+            .args(common::device_option())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("it starts");
+        drop(child.stdout.take());
+        let output = child.wait_with_output().expect("it ends");
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{text}");
+        assert!(text.contains("the reader closed the pipe before the end of the film"), "{text}");
+    }
 }
 
 #[test]

@@ -399,6 +399,8 @@ impl Job<'_> {
                 (_, Some(cause)) => Err(cause),
                 (Ok(drawn), None) => {
                     writer.finish()?;
+                    // A reader that closed the pipe could otherwise be noticed too late to report it.
+                    out.flush()?;
                     told = Some(drawn);
                     Ok(())
                 }
@@ -414,6 +416,9 @@ impl Job<'_> {
             Some(error) => Err(error),
             None => {
                 written?;
+                if told.is_none() {
+                    say("standard output: the reader closed the pipe before the end of the film");
+                }
                 Ok(told)
             }
         }
