@@ -234,18 +234,22 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
     let text = String::from_utf8_lossy(&output.stderr);
     assert!(text.contains("2 scenes are in each picture; docs/video.md"), "{text}");
 
-    let no_encoder = "found .mp4; other formats need an encoder: `-o - | ffmpeg -i - film.mp4`, or a program built with `--features av1`";
+    let ffmpeg = "ffmpeg -colorspace bt709 -color_primaries bt709 -color_trc iec61966-2-1 -i -";
+    let documents = [include_str!("../docs/video.md").to_owned(), place.done("video --help")];
+    documents.iter().for_each(|text| assert!(text.contains(ffmpeg), "{text}"));
+    let encoder = |film| format!("other formats need an encoder: `-o - | {ffmpeg} {film}`");
+    let no_encoder = format!("found .mp4; {}, or a program built with `--features av1`", encoder("film.mp4"));
     place.refuses(
         LINE,
         &[
-            ("film.mp4", 2, no_encoder),
+            ("film.mp4", 2, &no_encoder),
             ("film.gif --format=png", 2, "--format is for the pictures of a folder"),
             ("film.gif --shutter=0.5", 2, "--samples"),
             ("rgba=film.apng", 2, "expected a film, found the output `rgba`"),
             ("film.gif --orbit=4", 2, "cannot be used with"),
             ("cameras.json/x.gif", 2, "which cannot be written: Not a directory"),
-            ("my;film.mp4", 2, "`-o - | ffmpeg -i - 'my;film.mp4'`"),
-            ("scene.ply", 2, "found .ply; other formats need an encoder: `-o - | ffmpeg -i - FILM`"),
+            ("my;film.mp4", 2, &encoder("'my;film.mp4'")),
+            ("scene.ply", 2, &format!("found .ply; {}", encoder("FILM"))),
         ],
     );
     let one = "expected two cameras or more for a path, found 1";

@@ -41,7 +41,11 @@ const EXAMPLES: &str = "Examples:
   splatgraph video scene.ply --orbit 240 -o frames/                # a PNG per frame; the same command again goes on
   splatgraph video scene.ply -c path-1.cameras.json --seconds 8 -o film.apng   # keys that K recorded in the viewer
   splatgraph video scene.ply -c keys.json --closed --samples 16 -o frames/     # a loop, with motion blur
-  splatgraph video scene.ply -c keys.json -o - | ffmpeg -i - -crf 18 -pix_fmt yuv420p film.mp4";
+  splatgraph video scene.ply -c keys.json -o - |
+    ffmpeg -colorspace bt709 -color_primaries bt709 -color_trc iec61966-2-1 -i - -crf 18 film.mp4";
+
+/// Command that encodes a Y4M. The format has no fields for these options; FFmpeg would assume BT.601.
+const FFMPEG: &str = "ffmpeg -colorspace bt709 -color_primaries bt709 -color_trc iec61966-2-1 -i -";
 
 /// Draw a film of a camera that moves through a scene
 ///
@@ -208,7 +212,7 @@ fn destination(args: &Args) -> Result<Destination, Usage> {
             // Do not suggest a command that overwrites an existing file, which may be the scene.
             let film = if path.exists() { "FILM".into() } else { shell_word(&path.to_string_lossy()) };
             Err(Usage(format!(
-                "expected a folder, or a name that ends in .gif, .apng, .png or .y4m, found .{}; other formats need an encoder: `-o - | ffmpeg -i - {film}`{feature}",
+                "expected a folder, or a name that ends in .gif, .apng, .png or .y4m, found .{}; other formats need an encoder: `-o - | {FFMPEG} {film}`{feature}",
                 extension.display()
             )))
         }
