@@ -86,7 +86,16 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
                 _ => Ok([r, g, b]),
             }
         }
-        _ => Err("expected three numbers, for instance 1,0.5,0.25, or #ff8040, black or white".into()),
+        _ => {
+            let expected = "expected three numbers, for instance 1,0.5,0.25, or #ff8040, black or white";
+            let has_alpha = values.len() == 4 || text.starts_with('#') && text.len() == 9;
+            Err(match has_alpha || ["transparent", "none"].contains(&text) {
+                true => {
+                    format!("{expected}; `render -o rgba=FILE.png` writes a picture without its background")
+                }
+                false => expected.into(),
+            })
+        }
     }
 }
 
@@ -409,6 +418,9 @@ mod tests {
         }
         for text in ["#ff003", "#ff00333", "#ff003x", "#+f0033", "red"] {
             assert!(colour(text).unwrap_err().contains("black or white"), "{text}");
+        }
+        for text in ["transparent", "none", "#ff003300", "0,0,0,0"] {
+            assert!(colour(text).unwrap_err().contains("; `render -o rgba=FILE.png`"), "{text}");
         }
         for text in ["1,1,1", "1e3,1e3,1e3", "-1,-1,-1", "0.5,2,0", "1.5,0,0", "0,0,256"] {
             assert!(colour(text).is_ok(), "{text}");
