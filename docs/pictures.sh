@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes the pictures of the window and of projections in docs/images/ from a scene and its cameras. Needs Xvfb and
-# ImageMagick (packages xvfb and imagemagick), and a release build.
+# Makes the pictures of the window, of a plan's page and of projections in docs/images/ from a scene and its cameras. Needs
+# Xvfb, ImageMagick and Chromium (packages xvfb, imagemagick and chromium), and a release build.
 # Usage: docs/pictures.sh SCENE.ply CAMERAS.json
 set -euo pipefail
 cd "$(dirname -- "${BASH_SOURCE[0]}")/.."
@@ -34,9 +34,17 @@ pipeline=auto shoot view-select 1280x800 --select-box 0.41,0.43,0.49,0.64 --show
 shoot view-small 500x400
 WINIT_X11_SCALE_FACTOR=2 shoot view-hidpi 2560x1440
 
-# A mistake in a file that is being edited.
 folder=$(mktemp -d)
 trap 'rm -rf -- "$folder"' EXIT
+
+# The page of a plan, with a barrier opened, and with the sort's repeats unfolded.
+"$program" dump digit4 --format html -o "$folder/plan.html"
+for page in 'dump#barrier=9' 'dump-unfolded#unfold=order.sort'; do
+  chromium --headless --no-sandbox --disable-gpu --hide-scrollbars --window-size=1600,1000 \
+    --screenshot="docs/images/${page%%#*}.png" "file://$folder/plan.html#${page#*#}"
+done
+
+# A mistake in a file that is being edited.
 cp -r pipelines shaders "$folder"
 xvfb-run -a -s "-screen 0 1280x800x24" bash -c '
   "$1" view "$2" --cameras "$3" --size 1280x800 --show parameters --pipeline "$4/pipelines/splat.ron" 2>/dev/null & window=$!
