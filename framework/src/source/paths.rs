@@ -60,11 +60,7 @@ pub(super) fn appended(folder: &str, name: &str) -> String {
 }
 
 pub(super) fn parent(path: &str) -> &str {
-    match path.rsplit_once('/') {
-        Some(("", _)) => "/",
-        Some((folder, _)) => folder,
-        None => "",
-    }
+    path.rfind('/').map_or("", |slash| &path[..slash.max(root_length(path))])
 }
 
 /// Splits a folder before its last component called `pipelines` or `shaders`; `None` if it has none.

@@ -226,9 +226,11 @@ impl<Wake: Fn()> LookOut<Wake> {
             }
             if renews {
                 self.listen(true);
+                // Earlier changes in the new folder had no event.
+                looks = true;
             }
-            // A look can be due even if messages keep coming. One after `listen` sees what had no event.
-            if looks || renews || next_look.is_some_and(|time| time <= Instant::now()) {
+            // A look can be due even if messages keep coming.
+            if looks || next_look.is_some_and(|time| time <= Instant::now()) {
                 self.look();
             }
             self.announce();
