@@ -62,7 +62,8 @@ impl ShaderCompiler for ListCompiler {
                     atomics: how.contains('a'),
                     atomics_only: how.contains('a'),
                     writes_first: !how.contains('r'),
-                    floats: false,
+                    scalar: MemberKind::Other,
+                    words: vec![],
                 });
             };
             match words[..] {

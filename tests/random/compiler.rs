@@ -81,7 +81,8 @@ pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
                     atomics,
                     atomics_only: atomics,
                     writes_first: !reads,
-                    floats: false,
+                    scalar: MemberKind::Other,
+                    words: vec![],
                 });
             }
             other => panic!("a generated shader declares `{other}`"),

@@ -141,8 +141,12 @@ pub struct ReflectedBinding {
     pub atomics_only: bool,
     /// True if the first access in the code is a store without a read, as when a shader first clears counters.
     pub writes_first: bool,
-    /// True if a block has only 32-bit floats, also in vectors, matrices, arrays and structs. False for images.
-    pub floats: bool,
+    /// Type of a block's 32-bit scalars, also in vectors, matrices, arrays and structs. `Other` for images, and for
+    /// blocks that contain scalars of several types or of another size.
+    pub scalar: MemberKind,
+    /// Words of a storage block, by offset: those before its runtime array, then those of one element. Padding has
+    /// none. Empty for images, uniform blocks, and blocks with more than 64 words.
+    pub words: Vec<Member>,
 }
 
 /// The type and layout of a binding.
@@ -188,10 +192,11 @@ impl PushBlock {
     }
 }
 
-/// A member of a uniform or push-constant block.
+/// A member of a uniform or push-constant block, or a 32-bit word of a storage block.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Member {
-    /// Name of the member in GLSL.
+    /// Name of the member in GLSL; for a word, its place in the block or in the array's element, such as `root.x`. Empty
+    /// for the elements of an array of scalars.
     pub name: String,
     /// Byte offset from the start of the block.
     pub offset: u32,

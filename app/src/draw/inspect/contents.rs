@@ -24,6 +24,8 @@ pub enum ReadAs {
     /// Unsigned integers.
     #[default]
     Uint,
+    /// Signed integers, from the bits of the words.
+    Int,
     /// Floats, from the bits of the words.
     Float,
 }
@@ -31,6 +33,9 @@ pub enum ReadAs {
 /// Summary of the values of one channel of an image, or of one word of a buffer's elements.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Values {
+    /// Name of the word in the shader, such as `root.x`; empty without one.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub name: String,
     /// Smallest finite value; `None` if there is none.
     pub min: Option<f64>,
     /// Largest finite value; `None` if there is none.
@@ -67,9 +72,9 @@ impl fmt::Display for Values {
     }
 }
 
-/// Formats the value of a word: a fraction with the digits of an f32, not of an f64.
-fn shown(value: f64) -> String {
-    if value.fract() == 0.0 { value.to_string() } else { (value as f32).to_string() }
+/// Formats the value of a word: a fraction, or a number above 2^53, with the digits of an f32, not of an f64.
+pub(super) fn shown(value: f64) -> String {
+    if value.fract() == 0.0 && value.abs() < 9e15 { value.to_string() } else { (value as f32).to_string() }
 }
 
 impl Words {
@@ -90,6 +95,7 @@ impl Words {
     pub fn number(&self, index: usize, read: ReadAs) -> Option<f64> {
         Some(match (self, read) {
             (Words::Uint(words), ReadAs::Uint) => (*words.get(index)?).into(),
+            (Words::Uint(words), ReadAs::Int) => words.get(index)?.cast_signed().into(),
             (Words::Uint(words), ReadAs::Float) => f32::from_bits(*words.get(index)?).into(),
             (Words::Float(words), _) => (*words.get(index)?).into(),
         })
@@ -98,14 +104,14 @@ impl Words {
     /// Formats the word at `index`, a float with six decimals; `None` beyond the end.
     pub fn text(&self, index: usize, read: ReadAs) -> Option<String> {
         Some(match (self, read) {
-            (Words::Uint(words), ReadAs::Uint) => words.get(index)?.to_string(),
+            (Words::Uint(_), ReadAs::Uint | ReadAs::Int) => self.number(index, read)?.to_string(),
             _ => format!("{:.6}", self.number(index, read)?),
         })
     }
 
     /// Summarises the values of every `stride`th word from the index `first` on.
     pub fn values(&self, first: usize, stride: usize, read: ReadAs) -> Values {
-        let mut values = Values { min: None, max: None, zeros: 0, nan: 0, infinite: 0 };
+        let mut values = Values { name: String::new(), min: None, max: None, zeros: 0, nan: 0, infinite: 0 };
         let indices = (first..self.len()).step_by(stride.max(1));
         for value in indices.filter_map(|index| self.number(index, read)) {
             values.zeros += u64::from(value == 0.0);
@@ -178,10 +184,11 @@ mod tests {
 
     #[test]
     fn a_word_is_read_as_an_integer_or_bit_for_bit_as_a_float() {
-        let words = Words::Uint(vec![7, 1.5f32.to_bits()]);
+        let words = Words::Uint(vec![7, 1.5f32.to_bits(), u32::MAX]);
         assert_eq!(words.text(0, ReadAs::Uint).unwrap(), "7");
+        assert_eq!(words.text(2, ReadAs::Int).unwrap(), "-1");
         assert_eq!(words.number(1, ReadAs::Float), Some(1.5));
-        assert_eq!(words.text(2, ReadAs::Uint), None);
+        assert_eq!(words.text(3, ReadAs::Uint), None);
     }
 
     #[test]
@@ -199,9 +206,16 @@ mod tests {
     fn a_summary_counts_zeros_and_values_that_are_not_finite_in_one_channel() {
         let words = Words::Float(vec![0.0, 9.0, f32::NAN, 9.0, -2.0, 9.0, f32::INFINITY, 9.0, 0.0, 9.0]);
         let found = words.values(0, 2, ReadAs::Uint);
-        assert_eq!(found, Values { min: Some(-2.0), max: Some(0.0), zeros: 2, nan: 1, infinite: 1 });
-        let found = words.values(1, 2, ReadAs::Uint);
-        assert_eq!(found, Values { min: Some(9.0), max: Some(9.0), zeros: 0, nan: 0, infinite: 0 });
+        let values = |min, max, [zeros, nan, infinite]: [u64; 3]| Values {
+            name: String::new(),
+            min: Some(min),
+            max: Some(max),
+            zeros,
+            nan,
+            infinite,
+        };
+        assert_eq!(found, values(-2.0, 0.0, [2, 1, 1]));
+        assert_eq!(words.values(1, 2, ReadAs::Uint), values(9.0, 9.0, [0; 3]));
         assert_eq!(Words::Float(vec![f32::NAN]).values(0, 1, ReadAs::Uint).min, None);
         let text = |words: Words| words.values(0, 1, ReadAs::Uint).to_string();
         assert_eq!(text(Words::Float(vec![0.1, 0.7, f32::NAN])), "0.1 to 0.7, 1 NaN");

@@ -10,17 +10,19 @@ mod contents;
 mod declared;
 mod keys;
 
-use crate::io::image::{ImageError, save_words};
+use crate::io::image::{ImageError, save_elements, save_words};
 use half::f16;
 use serde::Serialize;
 use splatgraph_api::Inspect;
 use splatgraph_framework::ir::{Culled, Format, Pass, PassId, ResourceId, Run, Shape};
 use splatgraph_framework::plan::{Plan, Resource};
 use splatgraph_framework::source::nearest;
-use std::borrow::Cow;
+use std::ops::Range;
 use std::path::Path;
 
+use contents::shown;
 pub use contents::{Histogram, ReadAs, Values, Words};
+pub use declared::Channel;
 pub use keys::{KeyOrder, holds_keys, sorted_keys};
 use keys::{without_half, without_index, without_indices};
 
@@ -173,8 +175,7 @@ pub struct Finding {
     /// `[count, words per element]` for a buffer, `[height, width, channels]` for an image; a trailing 1 is omitted. A
     /// buffer whose stride is not a multiple of 4 bytes has `[words]`.
     pub shape: Vec<u64>,
-    /// Summaries of an image's channels, or of the words of a buffer's elements, read as `declared`; at most
-    /// `MAX_CHANNELS`.
+    /// Summaries of the first [`MAX_CHANNELS`] of `channels`.
     pub values: Vec<Values>,
     /// Order of the keys; `None` unless the resource has keys (see [`holds_keys`]) and the order is known.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -188,9 +189,9 @@ pub struct Finding {
     /// True for an image, false for a buffer.
     #[serde(skip)]
     pub is_image: bool,
-    /// Type of a buffer's words: `Float` if the shaders declare only floats. `Uint` otherwise, and for images.
+    /// Channels of an image, or words of a buffer's elements, as the shaders declare them; at least one.
     #[serde(skip)]
-    pub declared: ReadAs,
+    pub channels: Vec<Channel>,
     /// Contents as 32-bit words.
     #[serde(skip)]
     pub words: Words,
@@ -218,12 +219,16 @@ impl Finding {
         }
         let pass = pass.name.clone();
         let is_image = matches!(resource.shape, Shape::Image { .. });
-        let declared = match is_image {
-            true => ReadAs::Uint,
-            false => declared::of_buffer(plan, target.after, target.resource),
+        let count = shape.iter().skip(if is_image { 2 } else { 1 }).product::<u64>().max(1) as usize;
+        let channels = match is_image {
+            true => vec![Channel { name: String::new(), read: ReadAs::Uint }; count],
+            false => declared::of_buffer(plan, target.after, target.resource, count),
         };
-        let channels = shape.iter().skip(if is_image { 2 } else { 1 }).product::<u64>().max(1) as usize;
-        let values = (0..channels.min(MAX_CHANNELS)).map(|first| words.values(first, channels, declared));
+        let shown = channels.iter().take(MAX_CHANNELS).enumerate();
+        let values = shown.map(|(first, channel)| Values {
+            name: channel.name.clone(),
+            ..words.values(first, count, channel.read)
+        });
         let counted = order.as_ref().map(|order: &KeyOrder| order.keys);
         Finding {
             resource: resource.name.clone(),
@@ -234,32 +239,34 @@ impl Finding {
             unknown_order,
             counted,
             is_image,
-            declared,
+            channels,
             words,
         }
     }
 
     /// Saves the words as a NumPy array.
     ///
-    /// The type is float32 for images of floats and for buffers that a shader declares as floats, otherwise uint32.
+    /// The type is float32 for images of floats, and uint32 for images of integers. Buffers have the type that a shader
+    /// declares: float32, int32, uint32, or a structured array of them, one field per scalar or vector.
     ///
     /// # Errors
     /// The extension is not `.npy`, or the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), ImageError> {
-        match &*self.declared_words() {
-            Words::Uint(words) => save_words(path, &self.shape, words),
-            Words::Float(words) => save_words(path, &self.shape, words),
+        let words = match &self.words {
+            Words::Float(words) => return save_words(path, &self.shape, words),
+            Words::Uint(words) => words,
+        };
+        match declared::only_type(&self.channels) {
+            Some(ReadAs::Uint) => save_words(path, &self.shape, words),
+            Some(ReadAs::Int) => save_words(path, &self.shape, bytemuck::cast_slice::<u32, i32>(words)),
+            Some(ReadAs::Float) => save_words(path, &self.shape, bytemuck::cast_slice::<u32, f32>(words)),
+            None => save_elements(path, &declared::fields(&self.channels), words),
         }
     }
 
-    /// Reinterprets a buffer's words as floats if the shaders declare floats; otherwise, returns the words unchanged.
-    fn declared_words(&self) -> Cow<'_, Words> {
-        match &self.words {
-            Words::Uint(words) if self.declared == ReadAs::Float => {
-                Cow::Owned(Words::Float(words.iter().map(|word| f32::from_bits(*word)).collect()))
-            }
-            words => Cow::Borrowed(words),
-        }
+    /// Formats the word at `index` as the shaders declare it; `None` beyond the end.
+    fn word(&self, index: usize) -> Option<String> {
+        self.words.number(index, self.channels[index % self.channels.len()].read).map(shown)
     }
 
     /// Formats the shape, the order of the keys, the range of each channel, and the first and last words.
@@ -277,25 +284,31 @@ impl Finding {
         if let Some(reason) = &self.unknown_order {
             text += &format!("\n  {reason}");
         }
-        for (channel, values) in self.values.iter().enumerate() {
-            let name = if self.is_image { "channel" } else { "word" };
+        for (index, values) in self.values.iter().enumerate() {
             text += &match self.values.len() {
                 1 => format!("\n  {values}"),
-                _ => format!("\n  {name} {channel}: {values}"),
+                _ => format!("\n  {}: {values}", self.name(index)),
             };
         }
-        match &*self.declared_words() {
-            Words::Uint(words) => text + &ends(words),
-            Words::Float(words) => text + &ends(words),
+        text + &self.ends()
+    }
+
+    /// Formats the first and last words; all words if there are few.
+    fn ends(&self) -> String {
+        let words =
+            |range: Range<usize>| range.filter_map(|index| self.word(index)).collect::<Vec<_>>().join(" ");
+        match self.words.len() {
+            n if n <= 2 * SHOWN => format!("\n  all: {}", words(0..n)),
+            n => format!("\n  first: {}\n  last: {}", words(0..SHOWN), words(n - SHOWN..n)),
         }
     }
-}
 
-fn ends<T: std::fmt::Display>(words: &[T]) -> String {
-    let join = |words: &[T]| words.iter().map(T::to_string).collect::<Vec<_>>().join(" ");
-    match words.len() {
-        n if n <= 2 * SHOWN => format!("\n  all: {}", join(words)),
-        n => format!("\n  first: {}\n  last: {}", join(&words[..SHOWN]), join(&words[n - SHOWN..])),
+    /// Returns the name of a channel: the shader's, or its number.
+    pub fn name(&self, channel: usize) -> String {
+        match self.channels.get(channel).map(|channel| channel.name.as_str()) {
+            None | Some("") => format!("{} {channel}", if self.is_image { "channel" } else { "word" }),
+            Some(name) => name.to_string(),
+        }
     }
 }
 
@@ -496,20 +509,62 @@ mod tests {
     }
 
     #[test]
-    fn a_buffer_is_saved_as_the_type_that_its_shader_declares() {
-        let words = [0.5f32, 0.25, 8.0, 0.0, -1.0, 1.5].map(f32::to_le_bytes);
-        let target = Inspect { resource: ResourceId(0), after: PassId(1) };
+    fn a_buffer_is_saved_as_the_types_that_its_shader_declares() {
+        let words = [0.5f32, 0.25, -8.0, 0.0, -1.0, 1.5].map(f32::to_le_bytes);
+        let target = Inspect { resource: ResourceId(2), after: PassId(2) };
         let found = Finding::new(&plan(), &target, words.as_flattened(), &[]);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.npy");
-        for (declared, kind, text) in [(ReadAs::Uint, "'<u4'", "1056964608"), (ReadAs::Float, "'<f4'", "0.5")]
-        {
-            let found = Finding { declared, ..found.clone() };
+        let channel = |name: &str, read| Channel { name: name.into(), read };
+        for (channels, descr, text) in [
+            ([channel("", ReadAs::Uint), channel("", ReadAs::Uint)], "'descr': '<u4'", "all: 1056964608 10"),
+            (
+                [channel("a.x", ReadAs::Float), channel("a.y", ReadAs::Float)],
+                "'descr': '<f4'",
+                "all: 0.5 0.25 -8 ",
+            ),
+            (
+                [channel("", ReadAs::Int), channel("", ReadAs::Int)],
+                "'descr': '<i4'",
+                "all: 1056964608 1048576000 -10",
+            ),
+            (
+                [channel("a", ReadAs::Float), channel("b", ReadAs::Int)],
+                "'descr': [('a', '<f4'), ('b', '<i4')",
+                "all: 0.5 1048576000 -8 0 -1 1069547520",
+            ),
+            (
+                [channel("a", ReadAs::Float), channel("", ReadAs::Uint)],
+                "'descr': [('a', '<f4'), ('', '|V4')",
+                "all: 0.5 1048576000 -8 0 -1 1069547520",
+            ),
+        ] {
+            let found = Finding { channels: channels.to_vec(), ..found.clone() };
             found.save(&path).unwrap();
             let bytes = std::fs::read(&path).unwrap();
-            assert!(String::from_utf8_lossy(&bytes).contains(kind), "{declared:?}");
-            assert!(bytes.ends_with(words.as_flattened()), "{declared:?}: the bits are those of the buffer");
-            assert!(found.text().contains(&format!("all: {text} ")), "{}", found.text());
+            assert!(String::from_utf8_lossy(&bytes).contains(descr), "{descr}");
+            assert!(bytes.ends_with(words.as_flattened()), "{descr}: the bits are those of the buffer");
+            assert!(found.text().contains(text), "{}", found.text());
         }
+    }
+
+    #[test]
+    fn components_of_vectors_are_one_field() {
+        use ReadAs::{Float, Uint};
+        let names = [
+            ("s.a.x", Float),
+            ("s.a.y", Float),
+            ("s.n", Uint),
+            ("", Uint),
+            ("b[0].x", Uint),
+            ("b[1].x", Uint),
+        ];
+        let channels = names.map(|(name, read)| Channel { name: name.into(), read });
+        let fields = declared::fields(&channels);
+        let found: Vec<_> = fields.iter().map(|field| (&*field.name, field.kind, field.words)).collect();
+        assert_eq!(
+            found,
+            [("s.a", "<f", 2), ("s.n", "<u", 1), ("", "|V", 1), ("b[0]", "<u", 1), ("b[1]", "<u", 1)]
+        );
     }
 }

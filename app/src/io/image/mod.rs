@@ -24,7 +24,7 @@ use std::str::FromStr;
 use tracing::info_span;
 
 pub use exr::{ENCODING, Samples, save_values};
-pub use npy::{npz_names, save_words, split_member};
+pub use npy::{ElementField, npz_names, save_elements, save_words, split_member};
 pub use pixels::{Depth, Header, Image, ImageError};
 
 /// Writes colours with alpha as a PNG file: 8 bits per channel, colours not multiplied by alpha.

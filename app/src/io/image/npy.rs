@@ -6,9 +6,10 @@
 
 use super::pixels::{Depth, Header, Image, ImageError, check_size, has_extension, open, room};
 use crate::io::output::{self, file::Cause};
-use npyz::{NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
+use npyz::{DType, NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, Write};
+use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 use zip::ZipArchive;
 
@@ -30,6 +31,69 @@ pub fn save_words<T: npyz::AutoSerialize + Copy>(
         return Err(ImageError::new(path, "expected the extension .npy"));
     }
     Ok(output::write(path, |out| write_array(out, shape, words.iter().copied()))?)
+}
+
+/// A field of a structured array: a scalar, or a vector of several 32-bit words.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ElementField {
+    /// Name, unique in the array; empty for padding.
+    pub name: String,
+    /// NumPy's type without its size: `<f`, `<i`, `<u`, or `|V` for padding.
+    pub kind: &'static str,
+    /// Number of words.
+    pub words: u64,
+}
+
+/// Writes the words of a buffer as a structured array of elements, one after the other.
+///
+/// # Errors
+/// The extension is not `.npy`, or the file cannot be written.
+pub fn save_elements(path: &Path, fields: &[ElementField], words: &[u32]) -> Result<(), ImageError> {
+    if !has_extension(path, "npy") {
+        return Err(ImageError::new(path, "expected the extension .npy"));
+    }
+    let per_element = fields.iter().map(|field| field.words).sum::<u64>().max(1) as usize;
+    Ok(output::write(path, |out| {
+        let mut types = Vec::new();
+        for ElementField { name, kind, words } in fields {
+            let plain = |bytes: u64| {
+                Ok::<_, Cause>(DType::Plain(format!("{kind}{bytes}").parse().map_err(io::Error::other)?))
+            };
+            let dtype = match words {
+                _ if *kind == "|V" => plain(4 * words)?,
+                1 => plain(4)?,
+                _ => DType::Array(*words, Box::new(plain(4)?)),
+            };
+            types.push(npyz::Field { name: name.clone(), dtype });
+        }
+        let mut out = BufWriter::new(out);
+        let shape = [(words.len() / per_element) as u64];
+        let mut npy =
+            WriteOptions::new().dtype(DType::Record(types)).shape(&shape).writer(&mut out).begin_nd()?;
+        npy.extend(words.chunks_exact(per_element).map(Element))?;
+        npy.finish()?;
+        Ok(out.flush()?)
+    })?)
+}
+
+/// An element of a structured array.
+struct Element<'a>(&'a [u32]);
+
+/// Writes the words of an element, whatever their types.
+struct ElementWriter<'a>(PhantomData<&'a [u32]>);
+
+impl<'a> npyz::Serialize for Element<'a> {
+    type TypeWriter = ElementWriter<'a>;
+    fn writer(_: &DType) -> Result<Self::TypeWriter, npyz::DTypeError> {
+        Ok(ElementWriter(PhantomData))
+    }
+}
+
+impl<'a> npyz::TypeWrite for ElementWriter<'a> {
+    type Value = Element<'a>;
+    fn write_one<W: Write>(&self, mut writer: W, element: &Element<'a>) -> io::Result<()> {
+        element.0.iter().try_for_each(|word| writer.write_all(&word.to_le_bytes()))
+    }
 }
 
 fn write_array<T: npyz::AutoSerialize>(

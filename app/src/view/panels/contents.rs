@@ -7,7 +7,7 @@ use super::widgets::{self, Control as _};
 use crate::draw::inspect::{Finding, ReadAs, sorted_keys};
 use crate::view::viewport::{Inspection, Viewport};
 use egui::style::ScrollAnimation;
-use egui::{Align, Button, Color32, ColorImage, Rect, RichText, TextureHandle, TextureOptions, Ui};
+use egui::{Align, Button, Color32, ColorImage, Rect, RichText, Sense, TextureHandle, TextureOptions, Ui};
 use egui_plot::{Bar, BarChart, Plot};
 use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
@@ -25,6 +25,9 @@ const LINES: usize = 16;
 
 const BINS: usize = 64;
 
+/// Maximum number of an element's words to show.
+const WORDS: usize = 16;
+
 /// Maximum width and height of a resource's image, in pixels. Larger images are scaled down, because they occupy the
 /// user interface's texture memory.
 const MAX_WIDTH: usize = 512;
@@ -32,8 +35,9 @@ const MAX_WIDTH: usize = 512;
 #[derive(Default)]
 pub struct State {
     first: usize,
-    /// Resource for which the user chose a type, and the type. All other resources are read as declared.
-    read: Option<(String, ReadAs)>,
+    /// Resource for which the user chose a type, and the type, `None` for the declared ones. All other resources are read
+    /// as declared.
+    read: Option<(String, Option<ReadAs>)>,
     channel: usize,
     picture: Option<TextureHandle>,
     /// Reading whose image is shown; see [`Viewport::readings`].
@@ -128,8 +132,13 @@ impl State {
             ui.label(shape.join(" x "));
             // The format determines the type of an image.
             if !finding.is_image {
-                for (kind, text) in [(ReadAs::Uint, "integers"), (ReadAs::Float, "floats")] {
-                    if ui.selectable_label(self.read_as(finding) == kind, text).clicked() {
+                let kinds = [
+                    (None, "as declared"),
+                    (Some(ReadAs::Uint), "integers"),
+                    (Some(ReadAs::Float), "floats"),
+                ];
+                for (kind, text) in kinds {
+                    if ui.selectable_label(self.chosen(finding) == kind, text).clicked() {
                         self.read = Some((finding.resource.clone(), kind));
                     }
                 }
@@ -142,9 +151,14 @@ impl State {
         self.numbers(ui, finding, per_element, elements);
     }
 
-    fn read_as(&self, finding: &Finding) -> ReadAs {
+    /// Returns the type that the user chose for the resource; `None` for the declared types.
+    fn chosen(&self, finding: &Finding) -> Option<ReadAs> {
         let chosen = self.read.as_ref().filter(|(resource, _)| *resource == finding.resource);
-        chosen.map_or(finding.declared, |(_, read)| *read)
+        chosen.and_then(|(_, read)| *read)
+    }
+
+    fn read_as(&self, finding: &Finding, channel: usize) -> ReadAs {
+        self.chosen(finding).unwrap_or(finding.channels[channel].read)
     }
 
     fn picture(&mut self, ui: &mut Ui, finding: &Finding, number: u64) {
@@ -165,7 +179,19 @@ impl State {
         if let Some(picture) = &self.picture {
             let size = picture.size_vec2();
             let scale = (ui.available_width() / size.x).min(1.0);
-            ui.image((picture.id(), size * scale));
+            let image = egui::Image::new((picture.id(), size * scale)).sense(Sense::click());
+            let shown = ui.add(image).named("inspected_picture");
+            let Some(at) = shown.hover_pos().or_else(|| shown.interact_pointer_pos()) else { return };
+            let [height, width] = [0, 1].map(|axis| finding.shape[axis] as usize);
+            let share = (at - shown.rect.min) / shown.rect.size();
+            let pixel = |share: f32, count: usize| ((share * count as f32) as usize).min(count - 1);
+            let (x, y) = (pixel(share.x, width), pixel(share.y, height));
+            let element = y * width + x;
+            if shown.clicked() {
+                self.first = element;
+            }
+            let values = self.row(finding, element).join("  ");
+            shown.on_hover_text_at_pointer(format!("{x}, {y}: {values}\nClick to list the values from here"));
         }
     }
 
@@ -175,14 +201,14 @@ impl State {
         if channels > 1 {
             ui.horizontal(|ui| {
                 ui.label("Histogram of");
-                let text = |channel: usize| format!("word {channel}");
-                let shown = text(self.channel);
-                let all = (0..channels).map(|channel| (channel, text(channel)));
+                let shown = finding.name(self.channel);
+                let all = (0..channels).map(|channel| (channel, finding.name(channel)));
                 widgets::choice(ui, "word", &shown, &mut self.channel, all);
             });
         }
         let end = finding.counted.map_or(finding.words.len(), |n| n as usize * channels);
-        let found = finding.words.histogram(self.channel..end, channels, self.read_as(finding), BINS);
+        let found =
+            finding.words.histogram(self.channel..end, channels, self.read_as(finding, self.channel), BINS);
         let [least, greatest] = found.range;
         // If all values are equal, their single bar still needs a visible width.
         let range = if greatest > least { greatest - least } else { 1.0 };
@@ -227,12 +253,27 @@ impl State {
             }
         });
         self.first = self.first.min(last);
-        let read = self.read_as(finding);
-        for element in self.first..(self.first + LINES).min(elements) {
-            let words =
-                (0..per_element.min(16)).filter_map(|w| finding.words.text(element * per_element + w, read));
+        let mut lines: Vec<(String, Vec<String>)> = (self.first..(self.first + LINES).min(elements))
+            .map(|element| (element.to_string(), self.row(finding, element)))
+            .collect();
+        if finding.channels.iter().any(|channel| !channel.name.is_empty()) {
+            let names = (0..per_element.min(WORDS)).map(|channel| finding.name(channel));
+            lines.insert(0, (String::new(), names.collect()));
+        }
+        let width =
+            |column: usize| lines.iter().filter_map(|(_, words)| words.get(column)).map(String::len).max();
+        let widths: Vec<usize> = (0..WORDS).map_while(width).collect();
+        for (element, words) in &lines {
+            let words = words.iter().zip(&widths).map(|(word, width)| format!("{word:>width$}"));
             ui.monospace(format!("{element:>9}  {}", words.collect::<Vec<_>>().join("  ")));
         }
+    }
+
+    /// Formats the first words of an element.
+    fn row(&self, finding: &Finding, element: usize) -> Vec<String> {
+        let all = finding.channels.len();
+        let word = |channel| finding.words.text(element * all + channel, self.read_as(finding, channel));
+        (0..all.min(WORDS)).map_while(word).collect()
     }
 }
 

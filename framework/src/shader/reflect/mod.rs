@@ -9,6 +9,7 @@ mod features;
 mod module;
 #[cfg(test)]
 mod tests;
+mod words;
 
 use std::collections::HashSet;
 
@@ -205,14 +206,18 @@ fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<
         set: module.number(variable.id, None, Decoration::DescriptorSet).unwrap_or(0),
         binding: binding.ok_or_else(|| format!("`{name}` has no `layout(binding = ...)`"))?,
         count: count.try_into().map_err(|_| format!("the array of `{name}` is too large"))?,
-        kind,
         reads: accesses.reads.contains(&variable.id),
         writes: accesses.writes.contains(&variable.id),
         atomics: accesses.atomics.contains(&variable.id),
         atomics_only: accesses.atomics.contains(&variable.id) && !accesses.plain.contains(&variable.id),
         writes_first: accesses.written_first.contains(&variable.id),
-        floats: module.floats.contains(&element),
+        words: match kind {
+            ReflectedKind::StorageBuffer { .. } => words::of_block(module, element)?,
+            _ => vec![],
+        },
+        scalar: module.scalars.get(&element).copied().unwrap_or(MemberKind::Other),
         name,
+        kind,
     })
 }
 
@@ -266,12 +271,7 @@ fn block(
         members.push(Member {
             name: module.name(block, Some(index)).to_string(),
             offset: offset.ok_or_else(|| format!("{what} have no layout"))?,
-            kind: match module.type_of(*id)?.kind {
-                Type::Int { bits: 32, signed: false } => MemberKind::Uint,
-                Type::Int { bits: 32, signed: true } => MemberKind::Int,
-                Type::Float { bits: 32 } => MemberKind::Float,
-                _ => MemberKind::Other,
-            },
+            kind: words::scalar(&module.type_of(*id)?.kind),
             used: used(index),
         });
     }

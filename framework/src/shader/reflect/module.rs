@@ -3,7 +3,7 @@
 //! SPIR-V requires definitions before uses, so one pass over the global instructions finds every size and every value
 //! without recursion. A module that breaks this rule is rejected.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 
 use rspirv::binary::{Consumer, ParseAction, parse_words};
 use rspirv::dr::{Instruction, ModuleHeader, Operand};
@@ -11,7 +11,7 @@ use rspirv::spirv::{
     Capability, Decoration, Dim, ExecutionMode, ExecutionModel, ImageFormat, Op, StorageClass, Word,
 };
 
-use crate::ir::ShaderStage;
+use crate::ir::{MemberKind, ShaderStage};
 
 /// The operands of an `OpType...` instruction. Words such as `element` and `pointee` are ids of other types.
 #[derive(Clone, Debug, PartialEq)]
@@ -97,8 +97,8 @@ pub(super) struct Module {
     /// Value of each integer constant, by the constant's id.
     pub values: HashMap<Word, u64>,
     pub types: HashMap<Word, TypeInfo>,
-    /// Types that consist of 32-bit floats only.
-    pub floats: HashSet<Word>,
+    /// Types that consist of 32-bit scalars of one kind only, with this kind.
+    pub scalars: HashMap<Word, MemberKind>,
     pub variables: Vec<Variable>,
     pub functions: HashMap<Word, Function>,
     /// Ids of non-semantic extended instruction sets, such as debug information.
@@ -172,7 +172,7 @@ impl Module {
             constants: HashMap::new(),
             values: HashMap::new(),
             types: HashMap::new(),
-            floats: HashSet::new(),
+            scalars: HashMap::new(),
             variables: Vec::new(),
             functions: HashMap::new(),
             non_semantic: Vec::new(),
@@ -284,9 +284,7 @@ impl Module {
                     // OpTypeForwardPointer has no result, and cannot occur in the supported types.
                     if let Some(id) = i.result_id {
                         let info = module.type_info(i, id, &constants)?;
-                        if module.has_only_floats(&info.kind) {
-                            module.floats.insert(id);
-                        }
+                        module.scalars.extend(module.scalar_of(&info.kind).map(|scalar| (id, scalar)));
                         // A redefinition could refer to itself, and following it would not end.
                         if module.types.insert(id, info).is_some() {
                             return Err(format!("the type {id} is defined twice"));
@@ -359,15 +357,21 @@ impl Module {
         self.types.get(&id).ok_or_else(|| format!("id {id} is used as a type and is not one"))
     }
 
-    fn has_only_floats(&self, kind: &Type) -> bool {
+    /// Returns the kind of a type's 32-bit scalars; `None` if it contains others, or scalars of several kinds.
+    fn scalar_of(&self, kind: &Type) -> Option<MemberKind> {
         match kind {
-            Type::Float { bits } => *bits == 32,
+            Type::Float { bits: 32 } => Some(MemberKind::Float),
+            Type::Int { bits: 32, signed } => Some(if *signed { MemberKind::Int } else { MemberKind::Uint }),
             Type::Vector { element: part, .. }
             | Type::Matrix { column: part, .. }
             | Type::Array { element: part, .. }
-            | Type::RuntimeArray { element: part } => self.floats.contains(part),
-            Type::Struct { members } => members.iter().all(|member| self.floats.contains(member)),
-            _ => false,
+            | Type::RuntimeArray { element: part } => self.scalars.get(part).copied(),
+            Type::Struct { members } => {
+                let mut kinds = members.iter().map(|member| self.scalars.get(member).copied());
+                let first = kinds.next()??;
+                kinds.all(|kind| kind == Some(first)).then_some(first)
+            }
+            _ => None,
         }
     }
 

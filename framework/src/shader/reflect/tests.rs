@@ -206,15 +206,17 @@ fn strides_of_nested_structs_and_the_bytes_before_the_array() {
 }
 
 #[test]
-fn blocks_of_floats_alone_are_told_from_others_at_any_depth() {
-    for (block, used, floats) in [
-        ("buffer Data { float f[]; }", "f[0]", true),
-        ("buffer Data { vec4 v; mat3 m; S s[]; }", "s[0].b[1]", true),
-        ("uniform Data { vec2 v[3]; }", "v[0].x", true),
-        ("buffer Data { float f; uint n; }", "f", false),
-        ("buffer Data { uvec2 u[]; }", "u[0].x", false),
-        ("buffer Data { double d; }", "d", false),
-        ("buffer Data { T t[]; }", "t[0].s.a.x", false),
+fn blocks_of_one_scalar_type_are_told_from_others_at_any_depth() {
+    use MemberKind::{Float, Int, Other, Uint};
+    for (block, used, scalar) in [
+        ("buffer Data { float f[]; }", "f[0]", Float),
+        ("buffer Data { vec4 v; mat3 m; S s[]; }", "s[0].b[1]", Float),
+        ("uniform Data { vec2 v[3]; }", "v[0].x", Float),
+        ("buffer Data { float f; uint n; }", "f", Other),
+        ("buffer Data { uvec2 u[]; }", "u[0].x", Uint),
+        ("buffer Data { int i; ivec2 v[]; }", "i", Int),
+        ("buffer Data { double d; }", "d", Other),
+        ("buffer Data { T t[]; }", "t[0].s.a.x", Other),
     ] {
         let r = compute(&format!(
             "struct S {{ vec3 a; float b[2]; }};
@@ -223,8 +225,43 @@ fn blocks_of_floats_alone_are_told_from_others_at_any_depth() {
              layout(set = 0, binding = 1) {block} data[2];
              void main() {{ o = uint(data[1].{used}); }}",
         ));
-        assert_eq!(find(&r, "Data").floats, floats, "{block}");
+        assert_eq!(find(&r, "Data").scalar, scalar, "{block}");
     }
+}
+
+#[test]
+fn words_of_a_storage_block_have_the_names_and_types_of_its_members() {
+    let words = |block: &str, used: &str| {
+        let r = compute(&format!(
+            "#extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
+             struct S {{ vec3 a; int n; }};
+             struct T {{ S s; uint64_t wide; vec3 b[2]; }};
+             layout(set = 0, binding = 0) buffer Out {{ uint o; }};
+             layout(set = 0, binding = 1) {block} data;
+             void main() {{ o = uint(data.{used}); }}",
+        ));
+        let words = find(&r, "Data").words.clone();
+        let text = words.iter().map(|word| format!("{}@{}{:?}", word.name, word.offset, word.kind));
+        text.collect::<Vec<_>>().join(" ").replace("Float", "f").replace("Uint", "u").replace("Int", "i")
+    };
+    assert_eq!(words("buffer Data { float f[]; }", "f[0]"), "@0f");
+    assert_eq!(words("buffer Data { uvec2 u[]; }", "u[0].x"), "x@0u y@4u");
+    assert_eq!(words("buffer Data { S s[]; }", "s[0].n"), "a.x@0f a.y@4f a.z@8f n@12i");
+    assert_eq!(
+        words("buffer Data { T t[]; }", "t[0].s.n"),
+        "s.a.x@0f s.a.y@4f s.a.z@8f s.n@12i wide@16Other wide@20Other \
+         b[0].x@32f b[0].y@36f b[0].z@40f b[1].x@48f b[1].y@52f b[1].z@56f"
+    );
+    let header = "count@0u scale@4f x@16f y@20f z@24f w@28f";
+    assert_eq!(words("buffer Data { uint count; float scale; vec4 v[]; }", "count"), header);
+    assert_eq!(
+        words("buffer Data { mat3x2 m; layout(row_major) mat3x2 r; }", "m[0].x"),
+        "m[0].x@0f m[0].y@4f m[1].x@8f m[1].y@12f m[2].x@16f m[2].y@20f \
+         r[0].x@32f r[1].x@36f r[2].x@40f r[0].y@48f r[1].y@52f r[2].y@56f"
+    );
+    assert_eq!(words("buffer Data { float table[64]; }", "table[0]").matches('@').count(), 64);
+    assert_eq!(words("buffer Data { float table[65]; }", "table[0]"), "", "too many to list");
+    assert_eq!(words("uniform Data { float f; }", "f"), "", "members of uniform blocks are listed elsewhere");
 }
 
 #[test]
