@@ -510,7 +510,7 @@ mod tests {
 
     #[test]
     fn a_buffer_is_saved_as_the_types_that_its_shader_declares() {
-        let words = [0.5f32, 0.25, -8.0, 0.0, -1.0, 1.5].map(f32::to_le_bytes);
+        let words = [0.5f32, 0.25, -8.0, 0.0, -1.0, 1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0].map(f32::to_le_bytes);
         let target = Inspect { resource: ResourceId(2), after: PassId(2) };
         let found = Finding::new(&plan(), &target, words.as_flattened(), &[]);
         let folder = tempfile::tempdir().unwrap();
@@ -531,12 +531,12 @@ mod tests {
             (
                 [channel("a", ReadAs::Float), channel("b", ReadAs::Int)],
                 "'descr': [('a', '<f4'), ('b', '<i4')",
-                "all: 0.5 1048576000 -8 0 -1 1069547520",
+                "all: 0.5 1048576000 -8 0 -1 1069547520 0 ",
             ),
             (
                 [channel("a", ReadAs::Float), channel("", ReadAs::Uint)],
                 "'descr': [('a', '<f4'), ('', '|V4')",
-                "all: 0.5 1048576000 -8 0 -1 1069547520",
+                "all: 0.5 1048576000 -8 0 -1 1069547520 0 ",
             ),
         ] {
             let found = Finding { channels: channels.to_vec(), ..found.clone() };
