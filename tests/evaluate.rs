@@ -92,6 +92,21 @@ fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_no
 }
 
 #[test]
+fn the_score_of_an_average_over_frames_does_not_depend_on_the_views_before() {
+    let place = photographed();
+    place.average();
+    let psnr =
+        |line: &str, view: usize| scored(&place, line)["views"][view]["psnr_db"].as_f64().expect("a number");
+    let last = psnr("-p mean.ron", 1);
+    assert_eq!(psnr("-p mean.ron --all", 8), last);
+    assert!(last < 30.0 && psnr("-p mean.ron --repeat 30", 1) > 50.0, "{last}");
+    let said = |more: &str| place.said(&format!("evaluate scene.ply -c views -p mean.ron {more}")).1;
+    let note = "`mean.ron` reads the previous frame: frame 2 of each view is scored, in which an average has not \
+                converged; --repeat N draws more";
+    assert!(said("").contains(note) && !said("--repeat 2").contains("converged"));
+}
+
+#[test]
 fn cameras_are_moved_with_a_scene_and_a_dataset_that_lacks_a_file_is_told() {
     let place = photographed();
     let steps = "--transform rotate:1,0.5,0,100 --transform scale:2.5 --transform move:0,1,0";

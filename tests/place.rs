@@ -91,6 +91,45 @@ impl Place {
         place
     }
 
+    /// Writes `mean.ron`, which averages the pictures of `auto` over frames, and `again.ron`, a preset that is equal to it.
+    pub fn average(&self) {
+        let bind = r#"{ "picture": "scene.picture", "mean": "mean", "shown": "shown" }"#;
+        let size = r#"size: ("viewport.width", "viewport.height")"#;
+        self.write(
+            "mean.ron",
+            format!(
+                r#"Graph(version: 1, summary: "an average over frames",
+                params: {{ "keep": Live(Float(default: 0.5, range: (0.0, 1.0), label: "keep")) }},
+                resources: {{
+                    "mean": Image(format: "rgba32f", {size}, history: true), "shown": Image(format: "rgba32f", {size}),
+                }},
+                passes: [
+                    Include(graph: "auto", name: "scene", expose: All),
+                    Dispatch(name: "mean", shader: "mean.comp", size: Threads("viewport.width", "viewport.height"), bind: {bind}),
+                ],
+                output: "shown")"#
+            ),
+        );
+        self.write(
+            "mean.comp",
+            "#version 460
+            #extension GL_GOOGLE_include_directive : require
+            #include \"live.glsl\"
+            layout(local_size_x = 8, local_size_y = 8) in;
+            layout(set = 0, binding = 0, rgba32f) readonly uniform image2D picture;
+            layout(set = 0, binding = 1, rgba32f) uniform image2D mean;
+            layout(set = 0, binding = 2, rgba32f) writeonly uniform image2D shown;
+            void main() {
+                ivec2 at = ivec2(gl_GlobalInvocationID.xy);
+                if (any(greaterThanEqual(at, imageSize(picture)))) return;
+                vec4 m = mix(imageLoad(picture, at), imageLoad(mean, at), keep);
+                imageStore(mean, at, m);
+                imageStore(shown, at, m);
+            }",
+        );
+        self.write("again.ron", r#"Preset(graph: "mean.ron", summary: "equal", set: { "keep": 0.5 })"#);
+    }
+
     pub fn at(&self, name: impl AsRef<Path>) -> PathBuf {
         self.0.path().join(name)
     }

@@ -93,6 +93,25 @@ fn a_camera_at_rest_pops_in_no_order() {
 }
 
 #[test]
+fn a_variant_begins_without_the_histories_of_the_one_before_and_a_warm_average_does_not_pop() {
+    let place = Place::new();
+    place.cameras(&["one", "two", "three"]);
+    place.average();
+    let line =
+        "popping scene.ply --device llvmpipe -c cameras.json -p mean.ron,again.ron --json=popping.json";
+    let (_, errors) = place.said(line);
+    let note = "mean.ron: keeps an image from frame to frame; an average that has not converged after the first \
+                camera's 2 frames counts as popping (--warm-up)";
+    assert!(errors.contains(note), "{errors}");
+    let found = place.json("popping.json");
+    let pop = |found: &Value| ["mean.ron", "again.ron"].map(|name| of(found, name, "pop"));
+    let [first, second] = pop(&found);
+    assert!(first > 1e-4 && first == second, "{found:#}");
+    let [first, second] = pop(&popping(&place, "-c cameras.json -p mean.ron,again.ron --warm-up 24"));
+    assert!(first < 1e-6 && first == second, "{first} {second}");
+}
+
+#[test]
 fn mistakes_on_a_path_are_told_before_anything_is_drawn() {
     let place = Place::new();
     place.cameras(&["one", "two"]);

@@ -186,6 +186,8 @@ class Renderer:
         "normal". The built-in graphs have "alpha", "depth", "expected_depth", "median_depth", "normal", and, as uint32,
         "contributors" and "index"; docs/splatting.md defines them. Pictures with other outputs than the last one need a new plan.
 
+        Histories and `camera.frame` continue from call to call; a new Renderer starts with zeros.
+
         Raises:
             GraphError: the graph or a shader has errors, or the graph lacks an output.
             SceneError: the scene has no splats.

@@ -33,6 +33,7 @@ use std::path::{Path, PathBuf};
 /// falls in proportion. An error that jumps falls less, so the ranking of graphs may change. The exact renderer draws
 /// in the published order, whose pop is therefore 0 by definition, although it pops where the depths of two splats
 /// cross. Frames are drawn once and in sequence, so `stale_order` uses the order of the previous frame of the path.
+/// Before, the first camera is drawn --warm-up times, from empty histories.
 ///
 /// The default scene is the demo scene, which the first use generates. With one camera, or none, the path is a short
 /// orbit around the middle of the scene.
@@ -63,6 +64,9 @@ pub struct Args {
     /// Degrees of the orbit between successive frames
     #[arg(long, value_name = "DEGREES", default_value_t = 0.25, value_parser = degrees)]
     step: f64,
+    /// Frames of the first camera before the path, for graphs that average frames
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=10_000))]
+    warm_up: u32,
     /// Size of the pictures [default: the cameras', at most 480 pixels wide]
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
@@ -113,7 +117,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     measure::check(&subject.cameras)?;
     // Report errors in the graphs before the exact pictures are drawn, which takes long.
     claim_graph_files(&mut guard, &subject.check(&variants)?)?;
-    let tracks = study(&subject, &variants, &mut Console::default())?;
+    let tracks = study(&subject, &variants, args.warm_up, &mut Console::default())?;
     let origin = Provenance::of(&subject);
 
     let summaries: Vec<Summary> = tracks.iter().map(report::summary).collect();

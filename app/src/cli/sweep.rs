@@ -115,6 +115,7 @@ fn picture_of(choice: Option<Choice>, count: u32) -> PathBuf {
 /// Prints a sweep and writes its files, except for the pictures.
 fn report(swept: &SweepResult, shown: &[Shown], output: &Path) -> Result<()> {
     options::write_text(None, &swept.table())?;
+    swept.note().iter().for_each(say);
     let file = |name: &str| output.join(name);
     output::write_bytes(&file(CSV), swept.csv().as_bytes())?;
     options::write_json(&file(JSON), &serde_json::to_value(swept)?)?;

@@ -31,7 +31,7 @@ use std::path::{Path, PathBuf};
 /// Measure what each setting saves and what it costs in accuracy
 ///
 /// Draws the scene with every parameter at its exact value, then with one parameter changed at a time, with the graph's
-/// defaults, and with every preset. Each picture is compared with the truth: the exact renderer's picture (`render
+/// defaults, and with every built-in graph. Each picture is compared with the truth: the exact renderer's picture (`render
 /// --backend reference`), or a picture of --truth. Frames are interleaved with frames of the exact settings, so that a
 /// change of the device's clock affects both. A parameter whose declaration has no `exact` value keeps its default,
 /// unless --only names it: its default then counts as exact. A parameter without an effect on the plan of the exact
@@ -80,6 +80,9 @@ pub struct Args {
     #[arg(short, long, value_name = "DIR", default_value = "ledger")]
     output: PathBuf,
     /// Measure only settings whose names begin with this, for instance `key_bits` or `preset`; may be repeated
+    ///
+    /// A parameter takes all values of a choice, five across an integer's range, or four across a float's, without its
+    /// minimum. `--only "NAME = VALUE"` measures another value.
     #[arg(long, value_name = "NAME")]
     only: Vec<String>,
     #[command(flatten)]

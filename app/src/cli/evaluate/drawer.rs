@@ -8,12 +8,14 @@ use crate::cli::render::Renderer;
 use crate::draw::backend::Backend;
 use crate::draw::fit;
 use crate::draw::outputs;
-use crate::draw::session::Session;
+use crate::draw::session::{FrameOptions, Session};
 use crate::draw::stats;
 use crate::draw::truth::Truth;
 use crate::io::image::Image;
 use crate::io::program;
 use crate::studies::evaluation::Evaluation;
+use crate::studies::measurement::plans::uses_last_frame;
+use crate::studies::measurement::view::MEASURED_FRAME;
 use anyhow::{Context, Result};
 use serde_json::{Map, Value as Json, json};
 use splatgraph_api::Device;
@@ -25,7 +27,8 @@ use std::sync::Arc;
 pub const ORIGIN: &str = "origin";
 
 pub enum Drawer {
-    Device(Box<Session>),
+    /// A session, and the number of frames to draw of each view; `None` for the default.
+    Device(Box<Session>, Option<u32>),
     Reference(Arc<Scene>),
 }
 
@@ -52,25 +55,43 @@ impl Drawer {
             session.prepare((camera.width, camera.height), &mut |_| {})?;
         }
         claim_graph_files(&mut work.guard, &session.files())?;
-        Ok(Drawer::Device(Box::new(session)))
+        Ok(Drawer::Device(Box::new(session), args.repeat))
     }
 
     pub fn scene(&self) -> &Scene {
         match self {
             Drawer::Reference(scene) => scene,
-            Drawer::Device(session) => session.scene(),
+            Drawer::Device(session, _) => session.scene(),
         }
     }
 
-    /// Draws a view from a camera in world coordinates.
+    /// Reports that one of several frames is scored. `None` if each view is drawn once, or if --repeat chose the frame.
+    pub fn note(&self) -> Option<String> {
+        let Drawer::Device(session, None) = self else { return None };
+        let plan = session.plan().filter(|plan| uses_last_frame(plan))?;
+        Some(format!(
+            "`{}` reads the previous frame: frame {MEASURED_FRAME} of each view is scored, in which an average has not converged; --repeat N draws more",
+            plan.name
+        ))
+    }
+
+    /// Draws a view from a camera in world coordinates. Pictures do not depend on the views before.
     pub fn draw(&mut self, camera: &Camera, background: [f32; 3]) -> Result<Image> {
         match self {
             Drawer::Reference(scene) => {
                 let camera = camera.relative_to(scene.offset());
                 Ok(Truth::draw(scene, &camera, background, &Rules::of_view(scene, &camera))?.image())
             }
-            Drawer::Device(session) => {
+            Drawer::Device(session, repeat) => {
                 let camera = camera.relative_to(session.scene().offset());
+                session.prepare((camera.width, camera.height), &mut |_| {})?;
+                session.restart()?;
+                let default = if session.plan().is_some_and(uses_last_frame) { MEASURED_FRAME } else { 1 };
+                for _ in 1..repeat.unwrap_or(default) {
+                    let frame =
+                        session.submit(&camera, &FrameOptions { background, ..FrameOptions::default() })?;
+                    session.wait(frame)?;
+                }
                 Ok(outputs::draw(session, &camera, background)?.colour)
             }
         }
@@ -95,7 +116,7 @@ pub fn request(args: &Args) -> Json {
     json!({
         "scene": options::text_of(&args.scene), "dataset": options::text_of(&args.cameras),
         "backend": args.backend.to_string(), "pipeline": graph,
-        "set": args.set, "downscale": args.downscale, "photographs": args.photographs.as_deref().map(options::text_of), "all": args.all,
+        "set": args.set, "repeat": args.repeat, "downscale": args.downscale, "photographs": args.photographs.as_deref().map(options::text_of), "all": args.all,
         "background": args.background, "ignore_tags": args.load.ignore_tags, "level": args.load.level,
     })
 }
@@ -107,7 +128,7 @@ pub fn request(args: &Args) -> Json {
 pub fn origin(drawer: &mut Drawer, downscaled: Option<&str>) -> Result<Json> {
     let (device, plan) = match drawer {
         Drawer::Reference(_) => (None, None),
-        Drawer::Device(session) => {
+        Drawer::Device(session, _) => {
             let info = session.device().info();
             (Some(format!("{} ({})", info.name, info.driver)), session.plan())
         }

@@ -33,6 +33,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let mut drawer = Drawer::open(args, &mut work, None)?;
     work.tell_alignment(args, drawer.scene());
+    drawer.note().iter().for_each(say);
     let Work { views, stems, downscale, downscaled, .. } = work;
     let mut progress = Progress::new("scoring");
     let (mut scores, mut missing, mut blind) = (Vec::with_capacity(views.len()), Vec::new(), Vec::new());
@@ -62,7 +63,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             }
         }
     }
-    if let Drawer::Device(session) = &mut drawer {
+    if let Drawer::Device(session, _) = &mut drawer {
         let note = session.background_note(args.background);
         progress.suspend(|| session.settings_without_effect().iter().chain(&note).for_each(say));
     }
@@ -77,7 +78,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         options::write_text(Some(path), &(as_json(request, &found) + "\n"))?;
     }
     let outcome = match drawer {
-        Drawer::Device(session) => validated(args.device.validate, &session.into_device().close()),
+        Drawer::Device(session, _) => validated(args.device.validate, &session.into_device().close()),
         Drawer::Reference(_) => Outcome::Done,
     };
     Ok(if found.missing.is_empty() { outcome } else { Outcome::Failed })

@@ -62,25 +62,25 @@ impl job::Work for Views {
         let mut drawer = Drawer::open(&self.args, &mut self.work, self.scene.clone())?;
         let scene = match &drawer {
             Drawer::Reference(scene) => scene.clone(),
-            Drawer::Device(session) => session.shared_scene(),
+            Drawer::Device(session, _) => session.shared_scene(),
         };
         let views = self.work.views.iter();
         let cameras: Vec<_> = views.map(|view| view.camera.relative_to(scene.offset())).collect();
         let cameras = serde_json::to_value(cameras)?;
         let mut origin = match &drawer {
             Drawer::Reference(scene) => job::origin(scene, &cameras)?,
-            Drawer::Device(session) => {
-                job::refuse_animated(session)?;
+            Drawer::Device(session, _) => {
                 job::origin_of(session, &cameras, (&self.args.pipeline, &self.args.set))?
             }
         };
         self.scene = Some(scene);
         let mut request = request(&self.args);
         request[ORIGIN] = drawer::origin(&mut drawer, self.work.downscaled.as_deref())?;
-        let Args { backend, downscale, background, .. } = &self.args;
+        let Args { backend, downscale, repeat, background, .. } = &self.args;
         origin.extend([
             ("--backend".into(), json!(backend.to_string())),
             ("--downscale".into(), json!(downscale)),
+            ("--repeat".into(), json!(repeat)),
             ("--background".into(), json!(background)),
             (job::REQUEST.into(), request),
         ]);
@@ -116,7 +116,7 @@ impl job::Work for Views {
 
     fn close(&mut self) -> Vec<String> {
         match self.drawer.take() {
-            Some(Drawer::Device(session)) => session.into_device().close(),
+            Some(Drawer::Device(session, _)) => session.into_device().close(),
             _ => Vec::new(),
         }
     }

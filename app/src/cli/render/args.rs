@@ -372,13 +372,9 @@ impl Args {
         let is_path =
             |(name, _): &(&str, &Path)| text.contains(&no_output(name)) && builtin::giving(name).is_empty();
         let Some((name, file)) = self.named().find(is_path) else { return error };
-        let names: Vec<&str> = NAMES.iter().chain([&RGBA]).map(|(name, _)| *name).collect();
-        let (names, picture) = (names.join(", "), shell_word(&format!("./{name}={}", file.display())));
-        Usage(format!(
-            "expected an output of the graph before `=`, such as {names}, found `{name}`; for a picture with that name, \
-             write {picture}"
-        ))
-        .into()
+        let picture = shell_word(&format!("./{name}={}", file.display()));
+        let text = text.strip_prefix("error: ").unwrap_or(&text);
+        Usage(format!("{text}\n  = help: for a picture with that name, write {picture}")).into()
     }
 
     /// Returns the path of the picture; `None` without an `--output` for it. Fails if several are given.

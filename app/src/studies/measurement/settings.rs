@@ -64,6 +64,24 @@ pub fn list(pipeline: &str, controls: &[Control], presets: &[&str]) -> Vec<Setti
     all
 }
 
+/// Adds the setting `NAME = VALUE` after the others of this parameter, unless it is there, or `set` fixes the parameter.
+///
+/// Other texts, and parameters that the exact settings lack, add nothing.
+pub fn add(all: &mut Vec<Setting>, set: &[(String, String)], text: &str) {
+    let Some((name, value)) = text.split_once(" = ") else { return };
+    let is_fixed = set.iter().any(|(fixed, _)| fixed == name);
+    let Some(exact) = all.first().filter(|_| !is_fixed && all.iter().all(|setting| setting.name != text))
+    else {
+        return;
+    };
+    let mut setting = Setting { name: text.into(), ..exact.clone() };
+    let Some(pair) = setting.set.iter_mut().find(|(of, _)| of == name) else { return };
+    pair.1 = value.into();
+    let last =
+        all.iter().rposition(|setting| setting.name.split_once(" = ").is_some_and(|(of, _)| of == name));
+    all.insert(last.unwrap_or(0) + 1, setting);
+}
+
 /// Sets parameters in every setting, and leaves out the settings that vary one of them.
 ///
 /// A setting of another graph is kept only if `has` accepts that graph with each of these parameters.
@@ -106,7 +124,7 @@ pub fn with_effect(mut all: Vec<Setting>, plan: &Plan) -> (Vec<Setting>, Vec<Str
 /// Lists values of a parameter besides its exact one. These are all values of a switch or a choice, or five across an
 /// integer's range.
 ///
-/// A float has four, without its minimum, at which most parameters draw nothing.
+/// A float has four, without its minimum, at which most parameters draw nothing. [`add`] adds others.
 fn alternatives(param: &Param) -> Vec<Value> {
     let mut values: Vec<Value> = match &param.domain {
         Domain::Bool => vec![Value::Bool(false), Value::Bool(true)],
@@ -153,6 +171,33 @@ mod tests {
         let names: Vec<&str> = fixed.iter().map(|s| s.name.as_str()).collect();
         assert!(names.contains(&"defaults") && names.contains(&"preset key16"), "{names:?}");
         assert!(!names.contains(&"preset tiled") && names[0] == EXACT, "{names:?}");
+    }
+
+    #[test]
+    fn a_value_that_is_asked_for_is_added_once_after_the_others_of_its_parameter() {
+        let presets = builtin::presets();
+        let splat = presets.iter().find(|preset| preset.name == "splat").expect("it is built in");
+        let listed = list("splat", &splat.params, &[]);
+        let added = |set: &[(String, String)], text: &str| {
+            let mut all = listed.clone();
+            add(&mut all, set, text);
+            all
+        };
+        let all = added(&[], "cutoff = 0.125");
+        let at = all.iter().position(|setting| setting.name == "cutoff = 0.125").expect("it is added");
+        assert!(all[at - 1].name.starts_with("cutoff = ") && !all[at + 1].name.starts_with("cutoff = "));
+        assert!(all[at].set.contains(&("cutoff".into(), "0.125".into())));
+        assert_eq!((all[at].set.len(), all.len()), (all[0].set.len(), listed.len() + 1));
+        let fixed = [("cutoff".to_owned(), "2".to_owned())];
+        for (set, text) in [
+            (&[][..], all[at - 1].name.as_str()),
+            (&[], "cutoff"),
+            (&[], "preset digit8"),
+            (&[], "cutof = 1"),
+            (&fixed, "cutoff = 0.125"),
+        ] {
+            assert_eq!(added(set, text).len(), listed.len(), "{text}");
+        }
     }
 
     #[test]

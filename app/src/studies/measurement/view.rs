@@ -161,6 +161,13 @@ pub struct Drawn {
 /// needs a frame before it. Histories begin with the first of these frames.
 pub const MEASURED_FRAME: u32 = 2;
 
+/// Says what a measurement does not show of a graph that reads the previous frame.
+pub fn of_last_frame() -> String {
+    format!(
+        "Its picture is frame {MEASURED_FRAME} of a still view, without the errors of a moving camera (`popping` measures them); an average over frames has not converged"
+    )
+}
+
 fn capture(session: &mut Session, view: &View) -> Result<Result<Capture, String>, SessionError> {
     session.restart()?;
     for _ in 1..MEASURED_FRAME {

@@ -2,13 +2,16 @@
 
 use super::score::{Score, score};
 use crate::draw::capture::{self, Capture};
+use crate::draw::interleaved;
 use crate::draw::orbit;
-use crate::draw::session::{FrameOptions, Session};
+use crate::draw::session::Session;
 use crate::draw::truth::Truth;
 use crate::io::image::Image;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use serde::Serialize;
 use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::ir::Shape;
+use splatgraph_framework::plan::Plan;
 use splatgraph_reference::{Rules, depth_order};
 
 /// Maximum bytes of the true pictures of a path, which are kept for all variants.
@@ -91,6 +94,8 @@ pub fn check(cameras: &[Camera]) -> Result<(), StudyError> {
 
 /// Draws the path of the subject's cameras with each variant, and scores the steps.
 ///
+/// The first camera is drawn `warm_up` times before, from empty histories.
+///
 /// The true pictures are drawn first, which takes time: call [`Subject::check`] before, to report errors in a graph at
 /// once.
 ///
@@ -100,6 +105,7 @@ pub fn check(cameras: &[Camera]) -> Result<(), StudyError> {
 pub fn study(
     subject: &Subject,
     variants: &[Setting],
+    warm_up: u32,
     listener: &mut dyn Listener,
 ) -> Result<Vec<Track>, StudyError> {
     let Subject { scene, cameras, .. } = subject;
@@ -117,20 +123,34 @@ pub fn study(
     let mut tracks = Vec::new();
     let mut messages = Vec::new();
     for variant in variants {
-        tracks.push(measure(&mut session, variant, &path, &mut steps)?);
+        tracks.push(measure(&mut session, variant, &path, warm_up, &mut steps)?);
         messages.extend(session.settings_without_effect());
+        if session.plan().is_some_and(averages) {
+            messages.push(format!(
+                "{}: keeps an image from frame to frame; an average that has not converged after the first camera's {} frames counts as popping (--warm-up)",
+                variant.name,
+                warm_up + 1
+            ));
+        }
     }
     messages.iter().for_each(|line| listener.say(line));
     Ok(tracks)
 }
 
+/// Returns true if a plan keeps an image from frame to frame, as averages do.
+fn averages(plan: &Plan) -> bool {
+    let kept = plan.resources.iter().filter(|resource| resource.history.is_some());
+    kept.into_iter().any(|resource| matches!(resource.shape, Shape::Image { .. }))
+}
+
 /// Draws a path with a variant, and scores its steps.
 ///
-/// Each frame is drawn once, so that a graph with a history reads the path's previous frame. The first is drawn twice.
+/// Each frame is drawn once, so that a graph with a history reads the path's previous frame.
 fn measure(
     session: &mut Session,
     variant: &Setting,
     path: &[Frame],
+    warm_up: u32,
     progress: &mut Steps,
 ) -> Result<Track, StudyError> {
     session.set_graph(&variant.pipeline, &variant.set);
@@ -141,8 +161,11 @@ fn measure(
         progress.next(&format!("{}, frame {at}", variant.name))?;
         if at == 0 {
             session.prepare((camera.width, camera.height), &mut |_| {})?;
-            let first = session.submit(camera, &FrameOptions::default())?;
-            session.wait(first)?;
+            // Otherwise, a variant would begin with the histories of the one before.
+            session.restart()?;
+            for _ in 0..warm_up {
+                interleaved::frame(session, camera)?;
+            }
         }
         let next = capture::take(session, camera).map_err(StudyError::of(&variant.name))?;
         if let Some((before, last)) = &last {

@@ -24,6 +24,9 @@ pub struct Step {
     pub error: Error,
     /// Bytes of memory on the device.
     pub gpu_bytes: u64,
+    /// True if the plan reads the previous frame: a still view then hides the lag behind a moving camera.
+    #[serde(default)]
+    pub of_last_frame: bool,
 }
 
 /// Returns the numbers of splats of a sweep: all, a half, a quarter and so on, down to 1.

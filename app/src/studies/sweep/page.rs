@@ -9,6 +9,7 @@ use crate::io::report::plot::{Axis, Form, Plot, Point, Series};
 use crate::io::report::text;
 use crate::studies::measurement::error::{Error, joint_psnr, mean};
 use crate::studies::measurement::time::{Time, phases};
+use crate::studies::measurement::view::of_last_frame;
 use crate::studies::provenance::Provenance;
 use crate::studies::study::StudyError;
 use indexmap::IndexSet;
@@ -174,6 +175,12 @@ impl SweepResult {
         }
     }
 
+    /// Says what the pictures of a graph that reads the previous frame do not show; `None` for other graphs.
+    pub fn note(&self) -> Option<String> {
+        let reads = self.steps.iter().any(|step| step.of_last_frame);
+        reads.then(|| format!("`{}` reads the previous frame. {}", self.origin.pipeline, of_last_frame()))
+    }
+
     /// Lists the plots with their file names and captions. Leaves out plots without points, such as times without
     /// timestamps.
     pub fn plots(&self) -> Vec<(&'static str, Plot, &'static str)> {
@@ -184,12 +191,17 @@ impl SweepResult {
             ),
             (
                 self.times(),
-                "Choosing splats before keys are made saves time in every phase; cutting them after the sort saves time only in later phases.",
+                match self.steps.iter().any(|step| step.choice == Some(Choice::Nearest)) {
+                    true => {
+                        "Choosing splats before keys are made saves time in every phase; cutting them after the sort saves time only in later phases."
+                    }
+                    false => "Splats are chosen before the passes that process them.",
+                },
             ),
             (self.trade(), "Up and left is better."),
             (
                 self.shares(),
-                "The sort's time depends on the number of splats, the blending's on the pixels that they cover.",
+                "Times of phases that process splats depend on their number, those of the blending on the pixels that they cover.",
             ),
             (
                 self.approach(),
@@ -288,11 +300,16 @@ impl SweepResult {
         page.text(
             "`file order` keeps the first splats of the file, regardless of their importance. `opacity x world size` and \
              `opacity x screen size` are the usual heuristics for levels of detail: the product of opacity and of the two longest \
-             semi-axes, in the world or on the screen of each view; both are applied before keys are made. `nearest, after \
-             the sort` draws the nearest of the visible splats, the same share of them as the others draw of all: fewer where \
-             some are outside of the view. It saves no work before the sort, which here sorts splats rather \
-             than pairs of a splat and a bin.",
+             semi-axes, in the world or on the screen of each view; both are applied before keys are made.",
         );
+        if self.steps.iter().any(|step| step.choice == Some(Choice::Nearest)) {
+            page.text(
+                "`nearest, after the sort` draws the nearest of the visible splats, the same share of them as the others draw \
+                 of all: fewer where some are outside of the view. It saves no work before the sort, which here sorts splats \
+                 rather than pairs of a splat and a bin.",
+            );
+        }
+        self.note().iter().for_each(|note| page.text(&format!("{note}.")));
         for text in self.findings() {
             page.text(&text);
         }

@@ -141,6 +141,7 @@ impl Study {
                     time: found.time,
                     error: found.error,
                     gpu_bytes: found.gpu_bytes,
+                    of_last_frame: found.of_last_frame,
                 });
                 shown.push(Shown { choice, count, picture: drawn.picture });
             }

@@ -285,8 +285,9 @@ fn chosen(
             *exact = Some(value.clone());
         }
     }
-    let all = settings::measured(&wanted.pipeline, &wanted.set, &controls);
+    let mut all = settings::measured(&wanted.pipeline, &wanted.set, &controls);
     for name in &wanted.only {
+        settings::add(&mut all, &wanted.set, name);
         if !all.iter().any(|setting| setting.name.starts_with(name.as_str())) {
             let known = all.into_iter().map(|setting| setting.name).collect();
             return Err(StudyError::UnknownSetting { name: name.clone(), known });

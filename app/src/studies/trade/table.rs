@@ -5,7 +5,7 @@ use crate::draw::stats::BUSY;
 use crate::io::report::text;
 use crate::studies::measurement::noise::{MIN_SAVING, MIN_TURNS, Mark};
 use crate::studies::measurement::settings::EXACT;
-use crate::studies::measurement::view::MEASURED_FRAME;
+use crate::studies::measurement::view::of_last_frame;
 use crate::studies::provenance::Provenance;
 
 /// Titles of the table's columns, each with its meaning.
@@ -104,6 +104,7 @@ pub fn notes(lines: &[Line]) -> Vec<String> {
             100.0 * MIN_SAVING,
             match likely.len() {
                 0 => "by their medians, none is on the front".to_owned(),
+                1 => "by their medians, 1 is on the front, marked `?`".to_owned(),
                 count => format!("by their medians, {count} are on the front, marked `?`"),
             }
         ));
@@ -118,9 +119,7 @@ pub fn notes(lines: &[Line]) -> Vec<String> {
         ));
     }
     for name in names(Mark::Hidden) {
-        notes.push(format!(
-            "`{name}` is not judged: it reads the previous frame. Its picture is frame {MEASURED_FRAME} of a still view, without the errors of a moving camera (`popping` measures them); an average over frames has not converged"
-        ));
+        notes.push(format!("`{name}` is not judged: it reads the previous frame. {}", of_last_frame()));
     }
     notes
 }

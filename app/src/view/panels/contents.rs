@@ -7,7 +7,10 @@ use super::widgets::{self, Control as _};
 use crate::draw::inspect::{Finding, ReadAs, sorted_keys};
 use crate::view::viewport::{Inspection, Viewport};
 use egui::style::ScrollAnimation;
-use egui::{Align, Button, Color32, ColorImage, Rect, RichText, Sense, TextureHandle, TextureOptions, Ui};
+use egui::{
+    Align, Button, Color32, ColorImage, Label, Rect, RichText, ScrollArea, Sense, TextureHandle,
+    TextureOptions, Ui,
+};
 use egui_plot::{Bar, BarChart, Plot};
 use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
@@ -263,10 +266,15 @@ impl State {
         let width =
             |column: usize| lines.iter().filter_map(|(_, words)| words.get(column)).map(String::len).max();
         let widths: Vec<usize> = (0..WORDS).map_while(width).collect();
-        for (element, words) in &lines {
+        let digits = lines.iter().map(|(element, _)| element.len()).max().unwrap_or(0);
+        let line = |(element, words): &(String, Vec<String>)| {
             let words = words.iter().zip(&widths).map(|(word, width)| format!("{word:>width$}"));
-            ui.monospace(format!("{element:>9}  {}", words.collect::<Vec<_>>().join("  ")));
-        }
+            format!("{element:>digits$}  {}", words.collect::<Vec<_>>().join("  "))
+        };
+        let text = lines.iter().map(line).collect::<Vec<_>>().join("\n");
+        ScrollArea::horizontal().id_salt("words").show(ui, |ui| {
+            ui.add(Label::new(RichText::new(text).monospace()).extend());
+        });
     }
 
     /// Formats the first words of an element.

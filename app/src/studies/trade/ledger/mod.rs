@@ -74,9 +74,11 @@ impl Origin {
             ("scene", (own.splats, &self.content) != (others.splats, &other.content)),
             ("set of tags", self.tags != other.tags),
             ("set of cameras", own.cameras != others.cameras),
+            ("set of --set values", self.set != other.set),
+            // The exact settings contain the values of --set.
             (
                 "graph",
-                (&self.pipeline, &self.set, &self.exact) != (&other.pipeline, &other.set, &other.exact),
+                self.pipeline != other.pipeline || (self.set == other.set && self.exact != other.exact),
             ),
             ("truth", self.truth_content != other.truth_content),
             ("device", own.device != others.device),

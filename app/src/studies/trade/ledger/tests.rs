@@ -192,6 +192,16 @@ fn a_ledger_of_another_program_or_device_is_kept_under_another_name() {
 }
 
 #[test]
+fn other_set_values_are_not_another_graph() {
+    let own = with(|_| ());
+    let set = |value: &str| vec![("k".to_owned(), value.to_owned())];
+    let changed = Origin { set: set("0"), exact: "other".into(), ..own.clone() };
+    assert_eq!(own.changes(&changed), ["set of --set values"]);
+    assert_eq!(own.changes(&Origin { exact: "other".into(), ..own.clone() }), ["graph"]);
+    assert!(own.changes(&own).is_empty());
+}
+
+#[test]
 fn a_file_that_is_no_ledger_is_not_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.ply");
