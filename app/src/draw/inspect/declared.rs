@@ -10,8 +10,8 @@ use splatgraph_framework::plan::Plan;
 /// A word of a buffer's elements, or a channel of an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Channel {
-    /// Name in the shader, such as `root.x`. Empty for padding, channels of images, arrays of scalars, and words that are
-    /// not known.
+    /// Name in the shader, such as `root.x`. Empty for padding, channels of images, arrays of scalars, and unknown
+    /// words.
     pub name: String,
     /// Declared type; `Uint` for images, whose format determines it.
     pub read: ReadAs,

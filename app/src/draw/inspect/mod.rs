@@ -175,7 +175,7 @@ pub struct Finding {
     /// `[count, words per element]` for a buffer, `[height, width, channels]` for an image; a trailing 1 is omitted. A
     /// buffer whose stride is not a multiple of 4 bytes has `[words]`.
     pub shape: Vec<u64>,
-    /// Summaries of the first [`MAX_CHANNELS`] of `channels`.
+    /// Summaries of the first 16 of `channels`.
     pub values: Vec<Values>,
     /// Order of the keys; `None` unless the resource has keys (see [`holds_keys`]) and the order is known.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -38,8 +38,8 @@ const MAX_WIDTH: usize = 512;
 #[derive(Default)]
 pub struct State {
     first: usize,
-    /// Resource for which the user chose a type, and the type, `None` for the declared ones. All other resources are read
-    /// as declared.
+    /// Resource for which the user chose a type, and the type, `None` for the declared ones. All other resources are
+    /// read as declared.
     read: Option<(String, Option<ReadAs>)>,
     channel: usize,
     picture: Option<TextureHandle>,

@@ -1,4 +1,4 @@
-//! Lists the 32-bit words of a storage block, with their names and types, so that tools can show what a buffer contains.
+//! Lists the 32-bit words of a storage block with their names and types, so that tools can show a buffer's contents.
 
 use super::module::{Module, Type};
 use crate::ir::{Member, MemberKind};
@@ -113,7 +113,8 @@ impl Walk<'_> {
         }
     }
 
-    /// Adds the components of a vector, `stride` bytes apart, or next to each other. Returns false if there are too many.
+    /// Adds the components of a vector, `stride` bytes apart, or next to each other. Returns false if there are too
+    /// many.
     fn vector(
         &mut self,
         element: Word,
