@@ -168,7 +168,7 @@ impl Camera {
         closed: bool,
     ) -> PyResult<Vec<Camera>> {
         let scene = &scene.get().0;
-        let mut path = CameraPath::new(camera_path::length_of_radian(scene));
+        let mut path = CameraPath::new(camera_path::length_of_radian(scene), scene.up());
         let keys = keys.iter().map(|key| key.0.relative_to(scene.offset())).collect();
         path.set_keys(keys).map_err(|error| PyValueError::new_err(error.to_string()))?;
         path.set_closed(closed);

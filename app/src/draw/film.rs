@@ -188,7 +188,7 @@ mod tests {
 
     fn path(closed: bool) -> CameraPath {
         let key = |x: f64| Camera::looking_at([x, 0.0, -4.0], [x, 0.0, 0.0], 60.0, (32, 18));
-        let mut path = CameraPath::new(1.0);
+        let mut path = CameraPath::new(1.0, [0.0; 3]);
         path.set_keys(vec![key(0.0), key(8.0)]).expect("sound keys");
         path.set_closed(closed);
         path

@@ -278,7 +278,7 @@ mod tests {
             background: [0.0; 3],
             scale: 1.0,
             views: Views::default(),
-            path: CameraPath::new(1.0).settings().clone(),
+            path: CameraPath::new(1.0, [0.0; 3]).settings().clone(),
         }
     }
 

@@ -283,7 +283,7 @@ fn motion(
     // Converted before the spline: pinholes at equal distances could otherwise have another scale between them.
     let key = |camera: &Camera| args.look.scaled(sized(camera).projected(graph, scene));
     let keys = loading::in_scene(keys, scene).iter().map(key).collect::<Result<_, _>>()?;
-    let mut path = CameraPath::new(camera_path::length_of_radian(scene));
+    let mut path = CameraPath::new(camera_path::length_of_radian(scene), scene.up());
     path.set_keys(keys)?;
     path.set_closed(args.closed);
     Ok(Motion::Path(path))

@@ -9,6 +9,9 @@
 //! A component that is equal at two adjacent keys stays constant between them. Slopes of a component that changes
 //! little beside keys with large steps are limited, so that the camera does not spin: it overshoots by at most a sixth
 //! of a radian.
+//!
+//! Between level keys, squad rolls the camera: by 11 degrees in the demo scene. If all keys are level, this roll is
+//! removed; see [`Segment::at`].
 
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::{Camera, Projection};
@@ -28,6 +31,11 @@ const BISECTIONS: (u32, u32) = (4, 24);
 const TINY: f64 = 1e-7;
 /// Length below which the minimum of bisections suffices, and keys count as equal, in rounding errors of a view.
 const NOISE: f64 = 1e3;
+/// Maximum sine of a level key's roll: that of 0.1 degrees.
+const LEVEL: f64 = 1.75e-3;
+/// Vertical component of the picture's upward direction from which a view is kept level: 11.5 degrees from a pole. A
+/// level view nearer to the pole would spin.
+const UPRIGHT: f64 = 0.2;
 
 /// Position, rotation, zoom and principal point of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -95,6 +103,18 @@ impl View {
         DVec3::new(way, turn, zoom.hypot((to.principal_offset - self.principal_offset).length())).length()
     }
 
+    /// Computes the vertical components of the picture's right and upward direction. The first is 0 for a level view.
+    fn tilt(&self, up: DVec3) -> (f64, f64) {
+        ((self.rotation * DVec3::X).dot(up), -(self.rotation * DVec3::Y).dot(up))
+    }
+
+    /// Computes the rotation about the view's axis that makes it level, in radians; it fades to 0 near the poles.
+    fn roll(&self, up: DVec3) -> f64 {
+        let (right, upward) = self.tilt(up);
+        let fade = (upward / UPRIGHT).clamp(0.0, 1.0);
+        fade * fade * (3.0 - 2.0 * fade) * right.atan2(upward)
+    }
+
     /// Estimates the rounding error of a view, in the unit of [`View::distance`].
     fn rounding(&self, radian: f64) -> f64 {
         f64::EPSILON
@@ -116,19 +136,25 @@ struct Segment {
     principal_offset: [DVec3; 2],
     /// Inner quaternions of squad.
     inner: [DQuat; 2],
+    /// World's up direction if all keys are level, else 0.
+    up: DVec3,
 }
 
 impl Segment {
+    /// Computes the view at a parameter. If the keys are level, it is level, too, except near the poles.
     fn at(&self, u: f64) -> View {
-        let Segment { from, to, inner, .. } = self;
+        let Segment { from, to, inner, up, .. } = self;
         let outer = slerp(from.rotation, to.rotation, u);
         let inner = slerp(inner[0], inner[1], u);
-        View {
+        let view = View {
             position: hermite(from.position, to.position, self.position, u),
             rotation: slerp(outer, inner, 2.0 * u * (1.0 - u)).normalize(),
             zoom: hermite(from.zoom, to.zoom, self.zoom, u),
             principal_offset: hermite(from.principal_offset, to.principal_offset, self.principal_offset, u),
-        }
+        };
+        // The keys keep their small rolls, so that the path passes through them.
+        let roll = view.roll(*up) - from.roll(*up) * (1.0 - u) - to.roll(*up) * u;
+        View { rotation: view.rotation * DQuat::from_rotation_z(roll), ..view }
     }
 }
 
@@ -143,8 +169,11 @@ pub(super) struct Curve {
 }
 
 impl Curve {
-    /// Makes a curve through views; a closed curve returns to the first. `radian` is that of [`View::distance`].
-    pub(super) fn new(views: &[View], closed: bool, radian: f64) -> Curve {
+    /// Makes a curve through views; a closed curve returns to the first. `radian` is that of [`View::distance`], `up`
+    /// the world's up direction, of length 1.
+    pub(super) fn new(views: &[View], closed: bool, radian: f64, up: DVec3) -> Curve {
+        let is_level = |(right, upward): (f64, f64)| right.abs() < LEVEL && upward > -LEVEL;
+        let up = if views.iter().all(|view| is_level(view.tilt(up))) { up } else { DVec3::ZERO };
         let noise = NOISE * views.iter().map(|view| view.rounding(radian)).fold(0.0, f64::max);
         // Consecutive equal keys share one knot.
         let (mut knots, mut knot_of): (Vec<View>, Vec<usize>) = (Vec::new(), Vec::new());
@@ -186,6 +215,7 @@ impl Curve {
                 zoom: zoom[at],
                 principal_offset: principal_offset[at],
                 inner,
+                up,
             }
         };
         let segments = pairs.iter().enumerate().map(segment).collect();

@@ -2,7 +2,7 @@
 //!
 //! A [`CameraPath`] is a list of cameras, its keys, and a duration. [`CameraPath::at`] computes the camera at a time:
 //! it passes through every key without a kink, and its speed is constant. The speed includes translation, rotation and
-//! zoom, so that a rotation in place also takes time. [`Playback`] is the state of a player.
+//! zoom, so that a rotation in place also takes time. Between level keys, it stays level. [`Playback`] is the state of a player.
 //!
 //! Keys are in the world's coordinates, and a path is saved as a `cameras.json` of its keys. Consecutive equal keys
 //! count as one. The path has the projection that all keys share; with several projections, its cameras are pinholes.
@@ -14,6 +14,7 @@ mod tests;
 
 use crate::draw::projection::{self, MixedProjections};
 use curve::{Curve, View};
+use glam::DVec3;
 use splatgraph_assets::{Camera, Projection, Scene};
 use std::ops::RangeInclusive;
 use std::sync::Arc;
@@ -54,6 +55,8 @@ pub struct PathSettings {
 pub struct CameraPath {
     settings: PathSettings,
     radian: f64,
+    /// World's up direction, of length 1.
+    up: DVec3,
     projection: Projection,
     curve: Curve,
 }
@@ -62,15 +65,17 @@ impl CameraPath {
     /// Creates an open path without keys, with a duration of [`DEFAULT_SECONDS`].
     ///
     /// `radian` is the distance, in world units, that takes as long as a rotation by one radian; see
-    /// [`length_of_radian`]. A value that is not positive counts as 1.
-    pub fn new(radian: f64) -> CameraPath {
+    /// [`length_of_radian`]. A value that is not positive counts as 1. If all keys are level with respect to `up`, a
+    /// world direction, so is the path between them.
+    pub fn new(radian: f64, up: [f64; 3]) -> CameraPath {
         let mut path = CameraPath {
             settings: PathSettings { keys: Arc::default(), closed: false, seconds: DEFAULT_SECONDS },
             radian: 1.0,
+            up: DVec3::ZERO,
             projection: Projection::Pinhole,
             curve: Curve::default(),
         };
-        path.set_radian(radian);
+        path.set_space(radian, up);
         path
     }
 
@@ -159,9 +164,11 @@ impl CameraPath {
         }
     }
 
-    /// Sets the distance in world units that takes as long as a rotation by one radian; see [`CameraPath::new`].
-    pub fn set_radian(&mut self, radian: f64) {
+    /// Sets the distance in world units that takes as long as a rotation by one radian, and the up direction; see
+    /// [`CameraPath::new`].
+    pub fn set_space(&mut self, radian: f64, up: [f64; 3]) {
         self.radian = if radian > 0.0 { radian.clamp(1e-18, 1e18) } else { 1.0 };
+        self.up = DVec3::from(up).normalize_or_zero();
         self.update();
     }
 
@@ -203,7 +210,7 @@ impl CameraPath {
     fn update(&mut self) {
         let views: Vec<View> = self.keys().iter().map(View::of).collect();
         self.projection = projection::shared(self.keys()).unwrap_or_default();
-        self.curve = Curve::new(&views, self.is_closed(), self.radian);
+        self.curve = Curve::new(&views, self.is_closed(), self.radian, self.up);
     }
 }
 

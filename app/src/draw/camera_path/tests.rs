@@ -33,7 +33,7 @@ fn keys() -> Vec<Camera> {
 }
 
 fn path(keys: Vec<Camera>, closed: bool) -> CameraPath {
-    let mut path = CameraPath::new(2.0);
+    let mut path = CameraPath::new(2.0, [0.0, -1.0, 0.0]);
     path.set_keys(keys).unwrap();
     path.set_closed(closed);
     path
@@ -129,6 +129,42 @@ fn there_is_no_kink_at_a_key() {
                 "closed: {closed}, at {time}: {kinks:?} of {scale}"
             );
         }
+    }
+}
+
+#[test]
+fn a_path_through_level_keys_stays_level_and_passes_through_them() {
+    let up = [0.2, -1.0, 0.1];
+    let level = |eye, target| Camera::looking_at_upright(eye, target, up, 60.0, SIZE);
+    let keys = |last| {
+        let steep = level([4.0, -6.0, 2.0], [5.0, 0.0, 3.0]);
+        vec![level([0.0; 3], [1.0, -0.5, 3.0]), steep, level([-1.0, 0.5, 6.0], [-4.0, -1.0, 2.0]), last]
+    };
+    let roll = |camera: &Camera| DVec3::from(camera.axes()[0]).dot(DVec3::from(up).normalize());
+    let most = |keys: Vec<Camera>, up, closed| {
+        let mut path = CameraPath::new(2.0, up);
+        path.set_keys(keys).unwrap();
+        path.set_closed(closed);
+        for (time, key) in path.key_seconds().iter().zip(path.keys()) {
+            let found = distance(&path.at(*time).unwrap(), key);
+            assert!(found < 1e-7, "{found} from the key at {time}");
+        }
+        let rolls = (0..=300).map(|step| roll(&path.at(f64::from(step) / 30.0).unwrap()).abs());
+        rolls.fold(0.0, f64::max)
+    };
+    let last = level([3.0, 0.0, -2.0], [0.0, 0.3, -5.0]);
+    let rolled = |degrees: f64| {
+        let turn = DMat3::from_rotation_z(-degrees.to_radians());
+        let rotation = (turn * DMat3::from_cols_array_2d(&last.rotation)).to_cols_array_2d();
+        Camera { rotation, ..last.clone() }
+    };
+    for closed in [false, true] {
+        assert!(most(keys(last.clone()), up, closed) < 1e-9);
+        assert!(most(keys(rolled(0.05)), up, closed) < 1e-3, "a key's small roll stays");
+        assert!(most(keys(rolled(1.0)), up, closed) > 0.05, "the path between tilted keys is free");
+        assert!(most(keys(last.clone()), [0.0; 3], closed) > 0.05);
+        // A view straight down has no roll: the path fades to that of free rotations.
+        assert!(most(keys(level([3.0, 0.0, -2.0], [2.8, 1.0, -2.1])), up, closed) > 1e-3);
     }
 }
 
@@ -420,7 +456,7 @@ proptest! {
         closed: bool, radian in prop_oneof![3 => 0.1..10.0f64, 1 => prop::sample::select(vec![0.0, -1.0, f64::NAN, 1e-300, 1e300])],
     ) {
         let keys: Vec<Camera> = few.iter().chain(picks.iter().map(|pick| &few[pick % few.len()])).cloned().collect();
-        let mut path = CameraPath::new(radian);
+        let mut path = CameraPath::new(radian, [0.0, -1.0, 0.0]);
         path.set_keys(keys.clone()).unwrap();
         path.set_closed(closed);
         for step in 0..=60 {

@@ -148,7 +148,7 @@ impl Viewer {
         set: &[(String, String)],
         wake: Wake,
     ) -> Result<Viewer, ViewerError> {
-        let path_of_camera = CameraPath::new(camera_path::length_of_radian(&scene));
+        let path_of_camera = CameraPath::new(camera_path::length_of_radian(&scene), scene.up());
         let renderer = Renderer::new(RendererId::A, device, Choice::new(graph, set), wake.clone())?;
         let mut scene_watch = SceneWatch::default();
         scene_watch.follow(RendererId::A, &path, opening::files(&path), &wake)?;

@@ -173,7 +173,7 @@ impl Viewer {
         let former = std::mem::replace(&mut self.subject, subject);
         let scene = self.subject.whole.clone();
         self.navigation.change_scene(&scene.robust_bounds(), DVec3::from(scene.offset()) - offset);
-        self.path.set_radian(camera_path::length_of_radian(&scene));
+        self.path.set_space(camera_path::length_of_radian(&scene), scene.up());
         former
     }
 
@@ -308,7 +308,7 @@ impl Viewer {
             self.replace_subject(subject);
         } else {
             self.navigation = subject.navigation(subject.scene.up());
-            self.path.set_radian(camera_path::length_of_radian(&subject.scene));
+            self.path.set_space(camera_path::length_of_radian(&subject.scene), subject.scene.up());
             self.subject = subject;
             self.set_cameras(list);
         }
