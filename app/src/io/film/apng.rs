@@ -27,10 +27,12 @@ impl<'a> Film<'a> {
     }
 }
 
-/// Computes the time between two frames in seconds, as a fraction of 16-bit numbers; rounded if the rate's are larger.
+/// Computes the time between two frames in seconds, as the nearest fraction of 16-bit numbers.
 fn delay(rate: Rate) -> (u16, u16) {
-    let exact = u16::try_from(rate.seconds).ok().zip(u16::try_from(rate.frames).ok());
-    exact.unwrap_or_else(|| ((10_000.0 / rate.per_second()).round().min(65_535.0) as u16, 10_000))
+    let seconds = 1.0 / rate.per_second();
+    let fraction = |of| ((seconds * f64::from(of)).round().clamp(1.0, 65_535.0) as u16, of);
+    let error = |(delay, of): &(u16, u16)| (f64::from(*delay) / f64::from(*of) - seconds).abs();
+    (1..=u16::MAX).map(fraction).min_by(|a, b| error(a).total_cmp(&error(b))).unwrap_or((1, 1))
 }
 
 impl Writer for Film<'_> {

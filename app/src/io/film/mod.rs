@@ -158,8 +158,16 @@ mod tests {
 
     #[test]
     fn an_animated_png_has_every_frame_bit_by_bit() {
-        let bytes = film(Format::Apng, "30000/1001");
-        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().expect("a PNG");
+        let read = |rate| {
+            let bytes = film(Format::Apng, rate);
+            png::Decoder::new(std::io::Cursor::new(bytes)).read_info().expect("a PNG")
+        };
+        // Also rates whose numbers exceed 16 bits.
+        for (rate, delay) in [("60", 1..60), ("120000/1001", 342..40999), ("100000/1001", 651..65035)] {
+            let control = *read(rate).info().frame_control().expect("a frame's control");
+            assert_eq!(u32::from(control.delay_num)..u32::from(control.delay_den), delay, "{rate}");
+        }
+        let mut reader = read("30000/1001");
         let animation = *reader.info().animation_control().expect("an animation");
         assert_eq!((animation.num_frames, animation.num_plays), (4, 0));
         for frame in 0..4 {
