@@ -137,7 +137,11 @@ impl Planner {
         let plan = built.map_err(|mut found| {
             self.outputs.iter().for_each(|name| name_graphs_with(name, &mut found));
             if !self.outputs.is_empty() {
-                name_ways_to_draw_pixels(&mut found);
+                let panorama = Value::Text("equirectangular".to_owned());
+                let controls = self.controls(graph, set, &facts, catalog).unwrap_or_default();
+                // A panorama has its principal point in the middle, so it cannot be drawn as tiles.
+                let has_tiles = controls.iter().all(|control| control.param.value != panorama);
+                name_ways_to_draw_pixels(has_tiles, &mut found);
             }
             GraphErrors::new(&self.files, &found)
         })?;
@@ -317,10 +321,10 @@ fn name_graphs_with(output: &str, errors: &mut [Diagnostic]) {
 }
 
 /// Adds the ways to draw large pictures to the error about the buffer from which outputs are written.
-fn name_ways_to_draw_pixels(errors: &mut [Diagnostic]) {
+fn name_ways_to_draw_pixels(has_tiles: bool, errors: &mut [Diagnostic]) {
     for error in errors.iter_mut().filter(|error| error.message.starts_with("`pixels` has ")) {
-        let ways = "draw a smaller picture, tiles of it (docs/projections.md), or with `--backend reference`";
-        error.help.push(ways.into());
+        let tiles = if has_tiles { " tiles of it (docs/projections.md)," } else { "" };
+        error.help.push(format!("draw a smaller picture,{tiles} or with `--backend reference`"));
     }
 }
 
@@ -404,6 +408,11 @@ mod tests {
         let text = errors.to_string();
         assert!(text.contains("`pixels` has 128.3 MiB, and the device binds at most 128.0 MiB"), "{text}");
         assert!(text.contains("= help: draw a smaller picture, tiles of it"), "{text}");
+        let errors = planner
+            .plan("equirectangular", &[], &facts, &facts::nominal_catalog())
+            .expect_err("it is too large");
+        let text = errors.to_string();
+        assert!(text.contains("= help: draw a smaller picture, or with `--backend reference`"), "{text}");
     }
 
     #[test]

@@ -247,8 +247,8 @@ impl<'a> Checker<'a> {
         let what = || {
             let largest = counted.iter().max_by_key(|r| r.bytes());
             let largest = largest.map(|r| {
-                let tiles = if is_image(r) { "; tiles of the picture need less" } else { "" };
-                format!(" (the largest is `{}` with {}{tiles})", r.name, display_bytes(r.bytes()))
+                let smaller = if is_image(r) { "; a smaller picture needs less" } else { "" };
+                format!(" (the largest is `{}` with {}{smaller})", r.name, display_bytes(r.bytes()))
             });
             format!("the size of the resources that must be on the device{}", largest.unwrap_or_default())
         };

@@ -333,7 +333,7 @@ fn a_plane_imported_twice_counts_once_and_one_that_only_the_prologue_uses_does_n
     assert_eq!(with(needed, &packed), "");
     let text = with(needed - 1, &packed);
     assert!(
-        text.contains("the largest is `color` with 16384 bytes; tiles of the picture need less")
+        text.contains("the largest is `color` with 16384 bytes; a smaller picture needs less")
             && text.contains("found 20772"),
         "{text}"
     );
