@@ -3,9 +3,10 @@
 use super::advise::{bands_text, keys_text};
 use super::cameras;
 use super::loading;
+use super::look_at::{named, numbers};
 use super::options::{self, Drawing, MemoryArgs};
 use super::outcome::{Outcome, Usage};
-use crate::draw::camera::mean_up;
+use crate::draw::camera::{common_view, mean_up};
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::{self, Target, Wanted};
 use crate::draw::keys;
@@ -15,9 +16,8 @@ use crate::io::load::LoadOptions;
 use crate::io::losses;
 use crate::studies::advise::{Description, describe};
 use anyhow::Result;
-use glam::DVec3;
 use serde_json::{Value as Json, json};
-use splatgraph_assets::{Mesh, ScenePart, grouped};
+use splatgraph_assets::{Camera, Mesh, Scene, ScenePart, grouped};
 use splatgraph_framework::dump::{self, Dump};
 use std::path::{Path, PathBuf};
 
@@ -65,7 +65,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     // The picture has the size of the first camera.
     let first = given.iter().flatten().next().filter(|_| args.drawing.size.is_none());
     first.map_or(Ok(()), cameras::check_size)?;
-    let up = given.as_deref().filter(|_| args.drawing.cameras.is_some()).and_then(mean_up);
+    let named_by_option = given.clone().filter(|_| args.drawing.cameras.is_some());
+    let up = named_by_option.as_deref().and_then(mean_up);
     let in_scene = given.map(|cameras| loading::in_scene(&cameras, &scene));
     let cameras = in_scene.unwrap_or_else(|| vec![loading::framing(&scene)]);
     let Description { report, keys: needs, bands } = describe(&scene, &cameras, 0);
@@ -79,7 +80,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         scene.size_breakdown(),
         keys_text(&needs, 0),
         bands_text(&bands),
-        up.map(|up| up_text(up, scene.up().into())).unwrap_or_default(),
+        named_by_option.map(|cameras| up_text(&cameras, &scene)).unwrap_or_default(),
         scene.mesh().map(mesh_text).unwrap_or_default()
     );
     if args.json.is_none() {
@@ -163,15 +164,32 @@ fn part(part: &ScenePart) -> Json {
     json!({ "file": options::text_of(&part.file), "first": part.splats.start, "count": part.splats.len() })
 }
 
-/// Describes the mean up direction of the cameras. If the scene's differs by more than a degree, adds the rotation, if
-/// any, that turns the scene upright.
-fn up_text(up: DVec3, of_scene: DVec3) -> String {
-    let [x, y, z] = up.to_array().map(|v| (v * 1e4).round() / 1e4 + 0.0);
-    let differs = up.angle_between(of_scene).to_degrees() > 1.0;
-    let advice = losses::upright(up.into()).filter(|_| differs);
-    let advice =
-        advice.map(|(rotation, _)| format!("; {rotation} turns the scene upright")).unwrap_or_default();
-    format!("  up of the cameras     {x},{y},{z}{advice}\n")
+/// Describes the mean up direction of the cameras. For a scene without the tag `up`, adds how to correct its direction,
+/// if the mean differs by more than a degree.
+fn up_text(cameras: &[Camera], scene: &Scene) -> String {
+    let mean = mean_up(cameras);
+    let text = mean.map_or_else(|| "none, because they cancel out".into(), numbers);
+    let rotation = mean.and_then(|up| losses::upright(up.into())).map(|(rotation, _)| rotation);
+    let advice = match (common_view(cameras), mean, rotation) {
+        _ if scene.notes().up.is_some() => String::new(),
+        (_, Some(_), None) => String::new(),
+        (Some(forward), _, rotation) => {
+            let (along, up) = (named(forward), named(-forward));
+            let otherwise =
+                rotation.map(|rotation| format!(", otherwise {rotation} turns the scene upright"));
+            let otherwise = otherwise.unwrap_or_default();
+            format!(
+                "; all cameras look along {along}: if that is down, `convert --tag up={up}` records it{otherwise}"
+            )
+        }
+        // A rotation would move a georeferenced scene elsewhere.
+        (None, Some(up), Some(_)) if scene.offset() != [0.0; 3] => {
+            format!("; `convert --tag up={}` records it", named(up))
+        }
+        (None, _, Some(rotation)) => format!("; {rotation} turns the scene upright"),
+        (None, None, None) => String::new(),
+    };
+    format!("  up of the cameras     {text}{advice}\n")
 }
 
 fn mesh_text(mesh: &Mesh) -> String {
@@ -213,4 +231,32 @@ fn memory(dump: &Dump, (width, height): (u32, u32)) -> String {
     }
     let [stays, peak] = [all, all + freed].map(splatgraph_assets::grouped);
     text + &format!("  sum: {stays} bytes, {peak} until the first frame is drawn\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::{FileNotes, synth};
+
+    #[test]
+    fn a_scene_is_turned_by_cameras_only_if_they_look_around_and_it_has_neither_tag_nor_place() {
+        let looking = |up: [f64; 3], eyes: &[[f64; 3]]| -> Vec<Camera> {
+            eyes.iter().map(|eye| Camera::looking_at_upright(*eye, [0.0; 3], up, 60.0, (64, 48))).collect()
+        };
+        let oblique = looking([0.0, 0.0, 1.0], &[[5.0, 0.0, 4.0], [-5.0, 0.0, 4.0]]);
+        let north = looking([0.0, 1.0, 0.0], &[[0.1, 0.0, 5.0], [-0.1, 0.0, 5.0]]);
+        let scene = || synth::generate("uniform", 50, 0).unwrap();
+        let (near, far) = (scene(), scene().with_offset([5e5, 5.4e6, 0.0]));
+        let tagged = scene().with_notes(FileNotes { up: Some([0.0, 0.0, 1.0]), ..FileNotes::default() });
+        let turns = "`convert --transform rotate:1,0,0,90` turns the scene upright";
+        assert!(up_text(&oblique, &near).contains("turns the scene upright"));
+        assert!(up_text(&oblique, &far).ends_with("; `convert --tag up=z` records it\n"));
+        for (cameras, scene) in [(&oblique, &tagged), (&north, &tagged)] {
+            assert!(!up_text(cameras, scene).contains("convert"));
+        }
+        let down =
+            "0,1,0; all cameras look along -z: if that is down, `convert --tag up=z` records it, otherwise";
+        let told = up_text(&north, &near);
+        assert!(told.contains(down) && !told.contains(turns), "{told}");
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::cameras;
 use super::outcome::{self, Usage};
-use crate::draw::camera::mean_up;
+use crate::draw::camera::{common_view, mean_up};
 use crate::draw::facts;
 use crate::draw::orbit::{self, Orbit};
 use crate::draw::projection;
@@ -48,12 +48,16 @@ pub enum Up {
 }
 
 impl Up {
-    /// Takes the mean up direction of cameras, if this is `--up cameras`.
+    /// Takes the mean up direction of cameras, if this is `--up cameras`. Reports if it may lie along the ground.
     ///
     /// # Errors
     /// There are no cameras, or their directions cancel out.
     pub fn read(&self, cameras: &[Camera]) -> Result<(), Usage> {
         let Up::Cameras(direction) = self else { return Ok(()) };
+        if let Some(forward) = common_view(cameras) {
+            let (along, up) = (named(forward), named(-forward));
+            say(format!("--up cameras: all cameras look along {along}; if that is down, use `--up {up}`"));
+        }
         let expected = "--up cameras: expected cameras with an up direction in common, found";
         let mean = mean_up(cameras).ok_or_else(|| {
             let found = if cameras.is_empty() { "no camera" } else { "directions that cancel out" };
@@ -98,6 +102,20 @@ pub fn direction(text: &str) -> Result<[f64; 3], String> {
     let has_length = |v: &[f64; 3]| DVec3::from(*v).try_normalize().is_some();
     let found = axis.map(|axis| axis.map(|v| sign * v)).or_else(|| point(text).ok().filter(has_length));
     found.ok_or_else(|| "expected an axis such as z or -y, or three numbers that are not all 0".into())
+}
+
+/// Names a direction as [`direction`] reads it: the axis within ten degrees, or else three numbers.
+pub fn named(direction: DVec3) -> String {
+    let axes = [(DVec3::X, "x"), (DVec3::Y, "y"), (DVec3::Z, "z")];
+    let near = axes.into_iter().find(|(axis, _)| direction.dot(*axis).abs() > 0.985);
+    let signed = |(axis, name)| format!("{}{name}", if direction.dot(axis) < 0.0 { "-" } else { "" });
+    near.map_or_else(|| numbers(direction), signed)
+}
+
+/// Formats a direction with four decimals.
+pub fn numbers(direction: DVec3) -> String {
+    // `+ 0.0` avoids "-0".
+    direction.to_array().map(|v| ((v * 1e4).round() / 1e4 + 0.0).to_string()).join(",")
 }
 
 /// Parses a field of view, in degrees. [`LookAtArgs::circle`] checks the limit of each projection.

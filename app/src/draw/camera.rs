@@ -172,8 +172,16 @@ fn origin(camera: &Camera, depth: [f64; 2]) -> [f64; 3] {
 pub fn mean_up(cameras: &[Camera]) -> Option<DVec3> {
     let ups = cameras.iter().map(|camera| -DVec3::from(camera.axes()[1])).filter(|up| up.is_finite());
     let sum: DVec3 = ups.sum();
-    // A shorter sum means that the directions cancel out, apart from rounding errors.
-    (sum.length() > 1e-3 * cameras.len() as f64).then(|| sum.normalize())
+    // Strips of a flight, flown in turn in opposite directions, cancel out up to the tilts of the cameras.
+    (sum.length() > 0.05 * cameras.len() as f64).then(|| sum.normalize())
+}
+
+/// Finds the direction that all cameras look along, within about 20 degrees. `None` if there is none.
+///
+/// Such cameras may look down, and their up directions then lie along the ground. Poses alone do not tell.
+pub fn common_view(cameras: &[Camera]) -> Option<DVec3> {
+    let sum: DVec3 = cameras.iter().map(|camera| DVec3::from(camera.axes()[2])).sum();
+    (sum.length() > 0.95 * cameras.len() as f64).then(|| sum.normalize())
 }
 
 /// Finds the camera file that belongs to a scene; `None` if there is none.
@@ -294,5 +302,16 @@ mod tests {
         over.rotation = glam::DMat3::from_rotation_z(std::f64::consts::PI).transpose().to_cols_array_2d();
         assert_eq!(mean_up(&[level, over]), None);
         assert_eq!(mean_up(&[]), None);
+        // Two strips of a flight over z = 0, north and south. The tilts add up to a camera upside down.
+        let strip = |north| {
+            Camera::looking_at_upright([0.0; 3], [0.0, 0.1, -5.0], [0.0, north, 0.0], 60.0, (800, 600))
+        };
+        let flight = [strip(1.0), strip(-1.0)];
+        assert_eq!(mean_up(&flight), None);
+        assert!(common_view(&flight).unwrap().distance(DVec3::NEG_Z) < 0.03);
+        let around = [[5.0, 0.0, 5.0], [-5.0, 0.0, 5.0], [0.0, 5.0, 5.0], [0.0, -5.0, 5.0]];
+        let oblique =
+            around.map(|eye| Camera::looking_at_upright(eye, [0.0; 3], [0.0, 0.0, 1.0], 60.0, (800, 600)));
+        assert!(mean_up(&oblique).unwrap().distance(DVec3::Z) < 1e-9 && common_view(&oblique).is_none());
     }
 }

@@ -7,7 +7,7 @@ use crate::view::events::{Event, RendererId};
 use crate::view::paint::Mode;
 use crate::view::viewer::Marks;
 use egui::{Key, Modifiers};
-use splatgraph_assets::Camera;
+use splatgraph_assets::{Camera, synth};
 use splatgraph_null::{Config, Fault, Point};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -243,6 +243,25 @@ fn undo_restores_the_up_direction_also_with_a_replaced_scene() {
     assert_eq!(up(&mut script), opened);
     script.press(Key::Z, Modifiers::COMMAND | Modifiers::SHIFT);
     assert_eq!(up(&mut script), upright);
+    script.close(&[]);
+}
+
+#[test]
+fn the_up_direction_of_a_tag_has_priority_over_that_of_cameras() {
+    let mut script = Script::open(&Config::default());
+    script.settle();
+    let mut tagged = std::fs::read(script.path("second.ply")).expect("a scene");
+    tagged.splice(4..4, b"comment vertical axis: z\n".iter().copied());
+    script.write("tagged.ply", tagged);
+    let file = script.path("tagged.ply");
+    script.viewer().open(&file);
+    script.until("the scene", |script| script.viewer().scene_path() == file);
+    let viewer = script.viewer();
+    viewer.set_cameras(synth::demo_cameras());
+    assert_eq!(viewer.navigation.up().to_array(), [0.0, 0.0, 1.0]);
+    viewer.show_upright(Some([1.0, 0.0, 0.0]));
+    viewer.show_upright(None);
+    assert_eq!(viewer.navigation.up().to_array(), [0.0, 0.0, 1.0]);
     script.close(&[]);
 }
 

@@ -20,12 +20,12 @@ const ANY_SIZE: (u32, u32) = (1, 1);
 impl Viewer {
     /// Replaces the selectable cameras, selects the first, and jumps to it. Without cameras, the view stays.
     ///
-    /// The navigation's up direction becomes the mean of the cameras', or the scene's if they cancel out.
+    /// The navigation's up direction becomes that of [`Viewer::own_up`].
     pub fn set_cameras(&mut self, list: impl Into<CameraList>) {
         self.camera_list = list.into();
         if let Some(camera) = self.cameras().first() {
-            let up = mean_up(self.cameras()).unwrap_or_else(|| self.scene().up().into());
             let camera = camera.relative_to(self.scene().offset());
+            let up = self.own_up().into();
             self.navigation = Navigation::new(&self.subject.whole.robust_bounds(), &camera, up);
         }
         self.camera = (!self.cameras().is_empty()).then_some(0);
@@ -95,12 +95,20 @@ impl Viewer {
         }
     }
 
-    /// Sets the up direction of the navigation and of exported files; `None` for that of the cameras or the file. Flies
+    /// Returns the up direction of the scene's tag. Without a tag, returns the mean of the cameras', or else -y.
+    ///
+    /// Cameras that look down have up directions along the ground, so their mean is less reliable than a tag.
+    fn own_up(&self) -> [f64; 3] {
+        let scene = self.scene();
+        let mean = || mean_up(self.cameras()).map(Into::into);
+        scene.notes().up.or_else(mean).unwrap_or(scene.up())
+    }
+
+    /// Sets the up direction of the navigation and of exported files; `None` for that of the file or the cameras. Flies
     /// to an upright view of most of the scene.
     pub fn show_upright(&mut self, up: Option<[f64; 3]>) {
         self.subject.up = up;
-        let own = || mean_up(self.cameras()).map_or_else(|| self.scene().up(), |up| up.to_array());
-        let up = up.unwrap_or_else(own);
+        let up = up.unwrap_or_else(|| self.own_up());
         self.navigation.set_up(up.into());
         let camera = Camera::framing_upright(self.scene(), up, None, facts::DEFAULT_SIZE);
         self.navigation.set_camera(&camera);
