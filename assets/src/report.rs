@@ -72,7 +72,7 @@ pub struct SizeReport {
 }
 
 /// Bounds and precision of the splats' positions, in the world's coordinates.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PlaceReport {
     /// The scene's origin, which is subtracted from positions and cameras before they are rounded to f32.
     pub offset: [f64; 3],
@@ -86,6 +86,9 @@ pub struct PlaceReport {
     pub outliers: u64,
     /// Rounding of the centres that is large relative to the splats; `None` if there is none.
     pub coarse: Option<CoarsePositions>,
+    /// Files of a list of scenes with coarse positions.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub coarse_parts: Vec<(String, CoarsePositions)>,
     /// Steps of the positions that are larger than the splats, for a scene of one `.sog`; otherwise `None`.
     pub steps: Option<LargeSteps>,
 }
@@ -165,6 +168,7 @@ impl Report {
                 center: std::array::from_fn(|axis| robust_bounds.center()[axis] + offset[axis]),
                 outliers,
                 coarse: scene.coarse_positions(),
+                coarse_parts: scene.coarse_parts().to_vec(),
                 // The file's bounds are those of its splats.
                 steps: is_sog.then(|| scene.large_steps(SceneFormat::Sog)).flatten(),
             },
@@ -282,7 +286,10 @@ impl fmt::Display for Report {
         let ([x, y, z], d) = (p.center, p.bounds.decimals());
         line(f, "centre", format!("({x:.d$}, {y:.d$}, {z:.d$})"))?;
         line(f, "outliers", format!("{} beyond ten times that box", grouped(p.outliers)))?;
-        if let Some(coarse) = &p.coarse {
+        for (file, coarse) in &p.coarse_parts {
+            line(f, "positions", format!("{file}: {coarse}"))?;
+        }
+        if let Some(coarse) = p.coarse.filter(|_| p.coarse_parts.is_empty()) {
             line(f, "positions", coarse.to_string())?;
         }
         if let Some(steps) = &p.steps {

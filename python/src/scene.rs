@@ -20,8 +20,7 @@ fn warn(py: Python<'_>, text: &str) -> PyResult<()> {
 
 /// Warns of positions that were rounded to f32 far from 0.
 fn warn_coarse(py: Python<'_>, name: &str, scene: &assets::Scene) -> PyResult<()> {
-    let coarse = scene.coarse_positions();
-    coarse.map_or(Ok(()), |coarse| warn(py, &format!("{name}: positions are {coarse}")))
+    scene.coarse_notes().iter().try_for_each(|note| warn(py, &format!("{name}: {note}")))
 }
 
 /// A 3D Gaussian Splatting scene. Its opacities and scales are activated (no logits, no logarithms). Scenes are

@@ -114,7 +114,6 @@ pub fn notes(scene: &Scene) -> Vec<String> {
         (dropped.total() > 0).then(|| format!("{} dropped ({dropped})", splats(dropped.total()))),
         scene.notes().clamped(),
         scene.notes().mesh_left_out().map(|mesh| format!("left out: {mesh}")),
-        scene.coarse_positions().map(|coarse| format!("positions are {coarse}")),
         skipped(scene)
             .map(|names| format!("properties that are not read, although they may matter: {names}")),
         after_rows(scene).map(|data| format!("not read: {data}")),
@@ -123,7 +122,7 @@ pub fn notes(scene: &Scene) -> Vec<String> {
             false => tags,
         }),
     ];
-    texts.into_iter().flatten().collect()
+    scene.coarse_notes().into_iter().chain(texts.into_iter().flatten()).collect()
 }
 
 /// Names the tags that a merged scene ignores, because the scenes differ in them; `None` if there are none.
@@ -201,8 +200,7 @@ pub fn empty_bands(scene: &Scene, format: SceneFormat) -> Option<String> {
 
 /// Advises to move the scene to the origin.
 fn move_advice(scene: &Scene) -> String {
-    let (center, offset) = (scene.robust_bounds().center(), scene.offset());
-    let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| 0.0 - (center[axis] + offset[axis]).round());
+    let [x, y, z] = scene.to_origin();
     format!(": the scene is far from the origin; `--transform move:{x},{y},{z}` moves it there")
 }
 

@@ -333,7 +333,7 @@ impl Scene {
         let total: u64 = parts.iter().map(bytes).sum();
         let (mut scenes, mut meshes, mut before) = (Vec::with_capacity(parts.len()), Vec::new(), 0);
         let mut files = Vec::with_capacity(parts.len());
-        let mut sizes = Vec::with_capacity(parts.len());
+        let (mut sizes, mut coarse) = (Vec::with_capacity(parts.len()), Vec::new());
         for (index, part) in parts.iter().enumerate() {
             let length = bytes(part);
             // Readers count decompressed or used bytes, so their share is scaled to the file's length.
@@ -368,6 +368,9 @@ impl Scene {
                 }
                 Found::Several(_) => return Err(fail(nested(&part.file))),
             };
+            let name = part.file.display().to_string();
+            let is_new = !coarse.iter().any(|(file, _)| *file == name);
+            coarse.extend(scene.coarse_positions().filter(|_| is_new).map(|found| (name, found)));
             let scene = match part.by == Similarity::IDENTITY {
                 true => scene,
                 false => scene.transformed(&part.by).map_err(|error| wrong(error.into()))?,
@@ -384,7 +387,7 @@ impl Scene {
             return Err(within(path, last, SceneError::MeshAlone.of(&last.file)));
         }
         let joined = Self::of_one_file(scenes).map_err(|error| SceneError::Memory(error).of(path))?;
-        let joined = joined.with_parts(files);
+        let joined = joined.with_parts(files).with_coarse_parts(coarse);
         Ok((meshes.iter().fold(joined, |scene, (mesh, by)| scene.beside(mesh, by)), sizes))
     }
 

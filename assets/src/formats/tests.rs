@@ -364,6 +364,16 @@ fn splats_that_parts_of_a_list_lose_are_counted_in_the_whole() {
     assert_eq!(sizes.file_bytes, length("all.ron") + length("nan.ply") + length("huge.ply"));
     assert_eq!((sizes.sum(), sizes.header_bytes), (sizes.file_bytes, length("all.ron")));
     assert_eq!((sizes.format.as_str(), sizes.elements[0].rows), ("list of scenes, 2 files", 3));
+    let far = |index| Splat { position: [5e5, 5.4e6 + index as f32, 300.0], scale: [0.01; 3], ..huge(0) };
+    Scene::generate(9, 0, far).write_ply(at("far.ply")).unwrap();
+    let scene = load(
+        r#"Scenes([Scene(file: "nan.ply"), Scene(file: "far.ply", translate: (-5e5, -54e5, 0)), Scene(file: "far.ply")])"#,
+    );
+    let [note] = &scene.unwrap().coarse_notes()[..] else { panic!("one note") };
+    assert!(
+        note.contains("far.ply: positions are in steps of 5.0e-1") && note.contains("`double`"),
+        "{note}"
+    );
     Scene::generate(2, 0, |_| huge(1)).write_ply(at("huge.ply")).unwrap();
     let said = load("Scenes([Scene(file: \"huge.ply\", scale: 1e9),\nScene(file: \"huge.ply\")])");
     let said = said.unwrap_err().to_string();

@@ -170,15 +170,26 @@ pub struct CoarsePositions {
     pub step: f64,
     /// Median of the splats' largest standard deviations, in world units.
     pub size: f64,
+    /// Translation that moves the scene to the origin, which keeps later sums from being rounded as coarsely.
+    #[serde(skip)]
+    pub to_origin: [f64; 3],
+    /// True if the format of the file can store doubles.
+    #[serde(skip)]
+    pub has_doubles: bool,
 }
 
 impl fmt::Display for CoarsePositions {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { step, size } = self;
+        let Self { step, size, to_origin: [x, y, z], has_doubles } = self;
+        let (stored, advice) = match has_doubles {
+            true => ("`float`", "with `double`, or near the origin"),
+            false => ("the format", "near the origin"),
+        };
         write!(
             f,
-            "in steps of {step:.1e}, but the median standard deviation is {size:.1e}: `float` is too coarse so far \
-             from the origin; export the scene with `double`, or near the origin"
+            "in steps of {step:.1e}, but the median standard deviation is {size:.1e}: {stored} is too coarse so far from \
+             the origin; export the scene {advice}; `convert --transform move:{x},{y},{z}` keeps drawing from rounding \
+             the positions further"
         )
     }
 }

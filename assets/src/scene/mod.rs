@@ -57,6 +57,7 @@ pub struct Scene {
     notes: FileNotes,
     mesh: Option<Arc<Mesh>>,
     parts: Vec<ScenePart>,
+    coarse_parts: Vec<(String, CoarsePositions)>,
     /// Lines `comment` and `obj_info` of the PLY header that are no tags.
     header_comments: Vec<String>,
     /// Sizes of the file's parts; empty for a generated scene until requested.
@@ -87,6 +88,7 @@ impl Scene {
             notes: FileNotes::default(),
             mesh: None,
             parts: Vec::new(),
+            coarse_parts: Vec::new(),
             header_comments: Vec::new(),
             size_breakdown: OnceLock::new(),
             robust: OnceLock::new(),
@@ -239,6 +241,17 @@ impl Scene {
             self.parts = parts;
         }
         self
+    }
+
+    /// Lists the files of a list of scenes that have coarse positions.
+    ///
+    /// The positions of the joined scene do not show it, because an offset gives them finer steps than the file's.
+    pub fn coarse_parts(&self) -> &[(String, CoarsePositions)] {
+        &self.coarse_parts
+    }
+
+    pub(crate) fn with_coarse_parts(self, coarse_parts: Vec<(String, CoarsePositions)>) -> Self {
+        Self { coarse_parts, ..self }
     }
 
     /// Sets the mesh that is drawn beside the splats, in coordinates relative to [`Scene::offset`].

@@ -5,6 +5,7 @@ use super::{Scene, Splat, normalised};
 use crate::bounds::{largest, median};
 use crate::memory::SceneMemoryError;
 use crate::ply::origin::origin;
+use crate::spz::SpzVersion;
 use crate::words::CHUNK;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -35,10 +36,33 @@ impl Scene {
         if self.is_wide() || 2 * coarse <= steps.len() {
             return None;
         }
-        let found = CoarsePositions { step: median(&mut steps).into(), size: median(&mut sizes).into() };
+        let format = &self.size_breakdown().format;
+        let found = CoarsePositions {
+            step: median(&mut steps).into(),
+            size: median(&mut sizes).into(),
+            to_origin: self.to_origin(),
+            has_doubles: format.starts_with("ply"),
+        };
         let bounds = self.robust_bounds();
         let extent = (0..3).map(|axis| bounds.max[axis] - bounds.min[axis]).fold(0.0, f32::max);
-        (found.step > f64::from(8.0 * f32::EPSILON * extent)).then_some(found)
+        let is_far = found.step > f64::from(8.0 * f32::EPSILON * extent);
+        let of_file =
+            SpzVersion::position_step(self.largest_coordinate()).filter(|_| format.starts_with("spz"));
+        is_far.then(|| CoarsePositions { step: of_file.unwrap_or(0.0).max(found.step), ..found })
+    }
+
+    /// Describes coarse positions, as sentences: those of each file of a list of scenes, or else of the whole scene.
+    pub fn coarse_notes(&self) -> Vec<String> {
+        let parts = self.coarse_parts().iter();
+        let notes: Vec<_> = parts.map(|(file, coarse)| format!("{file}: positions are {coarse}")).collect();
+        let own = self.coarse_positions().filter(|_| notes.is_empty());
+        notes.into_iter().chain(own.map(|coarse| format!("positions are {coarse}"))).collect()
+    }
+
+    /// Returns the translation, in whole units, that moves the middle of the scene to the world's origin.
+    pub fn to_origin(&self) -> [f64; 3] {
+        let (center, offset) = (self.robust_bounds().center(), self.offset());
+        std::array::from_fn(|axis| 0.0 - (center[axis] + offset[axis]).round())
     }
 
     /// Generates a scene like [`Scene::try_generate`], from positions in the world; [`Splat::position`] is ignored.
@@ -121,6 +145,8 @@ fn shift(position: DVec3) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene_format::SceneFormat;
+    use crate::testing::{parse, says, written};
 
     fn splat(index: usize) -> Splat {
         let rotation = if index == 3 { [0.0; 4] } else { [0.0, 3.0, 0.0, 0.0] };
@@ -158,10 +184,18 @@ mod tests {
                 ..splat(index)
             })
         };
-        assert_eq!(floats(0.0).coarse_positions(), Some(CoarsePositions { step: 0.5, size: 0.01f32.into() }));
+        let to_origin = [-500_000.0, -5_000_100.0, -300.0];
+        let found = CoarsePositions { step: 0.5, size: 0.01f32.into(), to_origin, has_doubles: true };
+        assert_eq!(floats(0.0).coarse_positions(), Some(found));
         let text = crate::report::Report::new(&floats(0.0), &[]).to_string();
         assert!(text.contains("in steps of 5.0e-1, but the median standard deviation is 1.0e-2"), "{text}");
         assert!(floats(5e5).coarse_positions().is_some());
+        let spz = parse(&written(&floats(0.0), SceneFormat::Spz)).unwrap().coarse_positions().unwrap();
+        assert_eq!(spz.step, 1.0);
+        says(
+            spz,
+            "the format is too coarse so far from the origin; export the scene near the origin; `convert --tr",
+        );
         let near = Scene::generate(2000, 0, |index| Splat {
             position: [1000.0, 0.1 * index as f32, 0.0],
             ..splat(index)
