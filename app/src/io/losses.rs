@@ -307,6 +307,17 @@ pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
 /// depth, precision of positions, and the mesh.
 fn not_stored(scene: &Scene, format: SceneFormat) -> Vec<String> {
     let mut losses = Vec::new();
+    // First, because a scene is moved to the origin before it is turned about it.
+    let rounding = scene.position_rounding(format);
+    if rounding > 0.0 {
+        // In `.glb`, positions are relative to the scene's origin.
+        let at_origin = f64::from(f32::EPSILON) * scene.robust_bounds().extent();
+        let is_far = format != SceneFormat::Gltf && rounding > 4.0 * at_origin;
+        let advice = if is_far { move_advice(scene) } else { String::new() };
+        let by = if format == SceneFormat::Sog { " by readers that decode to `float`" } else { "" };
+        losses.push(format!("positions: rounded to 32 bits{by}, by {rounding:.1e} at most{advice}"));
+    }
+    losses.extend(coarse_positions(scene, format));
     let kept = format.kept_tags(scene.notes()).tags();
     let lost = scene.notes().tags().into_iter().filter(|tag| !kept.contains(tag));
     losses.extend(lost.filter_map(|(tag, value)| match kept.iter().find(|(other, _)| *other == tag) {
@@ -327,16 +338,6 @@ fn not_stored(scene: &Scene, format: SceneFormat) -> Vec<String> {
     if format == SceneFormat::Gltf && scene.notes().key_of == SortKey::Depth {
         losses.push("the order by depth: the format only supports order by distance from the camera".into());
     }
-    let rounding = scene.position_rounding(format);
-    if rounding > 0.0 {
-        // In `.glb`, positions are relative to the scene's origin.
-        let at_origin = f64::from(f32::EPSILON) * scene.robust_bounds().extent();
-        let is_far = format != SceneFormat::Gltf && rounding > 4.0 * at_origin;
-        let advice = if is_far { move_advice(scene) } else { String::new() };
-        let by = if format == SceneFormat::Sog { " by readers that decode to `float`" } else { "" };
-        losses.push(format!("positions: rounded to 32 bits{by}, by {rounding:.1e} at most{advice}"));
-    }
-    losses.extend(coarse_positions(scene, format));
     if let Some(mesh) = scene.mesh() {
         losses.push(format!("the mesh: {} triangles", grouped(mesh.triangles.len() as u64)));
     }
@@ -572,6 +573,13 @@ mod tests {
         let down = "the tag up 0,1,0: without it, the scene is shown upside down";
         assert_eq!(lost([0.0, 1.0, 0.0]), said(down, "1,0,0,180"));
         assert!(lost([0.0, -1.0, 0.0]).is_empty(), "readers assume it");
+        let notes = FileNotes { up: Some([0.0, 0.0, 1.0]), ..FileNotes::default() };
+        let far = Scene::generate(10, 0, |index| splat(spread(index))).with_offset([5e5, 5.4e6, 0.0]);
+        let both = missing(&far.with_notes(notes), SceneFormat::Spz);
+        assert!(
+            both[0].contains("--transform move:") && both[1].starts_with(side),
+            "the order of the steps: {both:?}"
+        );
     }
 
     #[test]
