@@ -6,7 +6,7 @@ use crate::images;
 use splatgraph::draw::session::Session;
 use splatgraph::draw::truth::{Truth, rules};
 use splatgraph::io::image::Image;
-use splatgraph_assets::{Camera, Mesh, MeshMaterial, Scene, Similarity, Splat, synth};
+use splatgraph_assets::{Camera, Light, Mesh, MeshMaterial, Scene, Similarity, Splat, synth};
 use splatgraph_reference::Rules;
 use std::sync::Arc;
 
@@ -203,7 +203,12 @@ fn an_image_is_red_at_its_upper_left_where_u_and_v_are_0_and_its_colours_are_dec
     let mut wall = square([-1.0, -1.0], 2.0, [1.0; 4]);
     wall.uvs = vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
     wall.texels = vec![[255, 0, 0, 255], [0, 128, 0, 255], [0, 0, 255, 255], [255; 4]];
-    wall.materials[0].base_color_image = splatgraph_assets::Texture { first: 0, width: 2, height: 2 };
+    let image = splatgraph_assets::Texture { first: 0, width: 2, height: 2 };
+    wall.materials[0].base_color_image = image;
+    // The same picture, without light: as emission, and as the colour of an unlit surface.
+    let base_color = [0.0, 0.0, 0.0, 1.0];
+    let glowing = MeshMaterial { base_color, emission: [1.0; 3], emission_image: image, ..wall.materials[0] };
+    let unlit = MeshMaterial { unlit: true, emission: [1.0; 3], ..wall.materials[0] };
     let none = Splat { opacity: 0.0, ..white(50.0) };
     // The centres of pixels 3 and 12 are 1/16 texel from a texel's centre, towards the square's edge, where the image
     // repeats.
@@ -217,7 +222,11 @@ fn an_image_is_red_at_its_upper_left_where_u_and_v_are_0_and_its_colours_are_dec
         let expected: [f32; 3] = std::array::from_fn(|c| {
             encode(weights.iter().map(|(texel, weight)| weight * linear[*texel][c]).sum())
         });
-        for found in pixel(none, &wall, at) {
+        let dark = Light { color: [0.0; 3], ambient: 0.0, ..wall.light };
+        let drawn = [(wall.materials[0], wall.light), (glowing, dark), (unlit, dark)];
+        for found in drawn.into_iter().flat_map(|(material, light)| {
+            pixel(none, &Mesh { materials: vec![material], light, ..wall.clone() }, at)
+        }) {
             assert!(
                 (0..3).all(|c| (found[c] - expected[c]).abs() < 1e-3),
                 "{at:?}: {found:?}, expected {expected:?}"

@@ -1,8 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Shades a mesh: one light and ambient, by the metallic-roughness model of glTF 2.0 (appendix B). Outputs the display-encoded colour and
-// the view depth, or the distance where splats are ordered by it.
+// Shades a mesh: one light, ambient and emission, by the metallic-roughness model of glTF 2.0 (appendix B). Outputs the display-encoded
+// colour and the view depth, or the distance where splats are ordered by it.
 
 #include "../camera.glsl"
 #include "texture.glsl"
@@ -10,7 +10,8 @@
 struct Material {
     vec4 base;
     float metallic, roughness, normal_scale, alpha_cutoff;
-    uvec2 base_image, rough_image, normal_image, unused;  // see texture.glsl
+    uvec2 base_image, rough_image, normal_image, glow_image;  // see texture.glsl
+    vec4 glow;  // w is 1 for an unlit material
 };
 
 layout(set = 0, binding = 5, std430) readonly buffer Materials { Material materials[]; };
@@ -82,7 +83,11 @@ void main() {
     vec3 fresnel = straight + (1.0 - straight) * (grazing * grazing * (1.0 - vh));
     vec3 diffuse = (1.0 - fresnel) * (1.0 - metallic) * base.rgb;
     vec3 lit = light[1].rgb * nl * (diffuse + PI * distribution * visible * fresnel) + light[1].a * base.rgb;
-    lit = clamp(lit, 0.0, 1.0);
+    vec3 glow = m.glow.rgb;
+    if (has_image(m.glow_image)) {
+        glow *= sample_image(m.glow_image, uv, true).rgb;
+    }
+    lit = clamp(m.glow.w > 0.0 ? base.rgb : lit + glow, 0.0, 1.0);
 #if KEY_OF == KEY_OF_DISTANCE
     // Splats are ordered by the distance, and the mesh among them.
     float key = length(from_camera);

@@ -47,6 +47,12 @@ pub struct MeshMaterial {
     pub metallic_roughness_image: Texture,
     /// Image of normals in tangent space: channels of 0 to 1 are components of -1 to 1.
     pub normal_image: Texture,
+    /// Linear red, green and blue of the emitted light; multiplied by the image.
+    pub emission: [f32; 3],
+    /// Image of display-encoded colours of the emitted light.
+    pub emission_image: Texture,
+    /// True for a surface of its base colour, without light and emission (`KHR_materials_unlit`).
+    pub unlit: bool,
 }
 
 impl Default for MeshMaterial {
@@ -61,6 +67,9 @@ impl Default for MeshMaterial {
             base_color_image: Texture::default(),
             metallic_roughness_image: Texture::default(),
             normal_image: Texture::default(),
+            emission: [0.0; 3],
+            emission_image: Texture::default(),
+            unlit: false,
         }
     }
 }
@@ -117,7 +126,7 @@ impl Mesh {
             "mesh.uv" => (8, self.uvs.len()),
             "mesh.index" => (4, 3 * self.triangles.len()),
             "mesh.material_of" => (4, self.material_of.len()),
-            "mesh.material" => (64, self.materials.len()),
+            "mesh.material" => (80, self.materials.len()),
             "mesh.texel" => (4, self.texels.len()),
             "mesh.light" => (16, 2),
             _ => return None,
@@ -179,6 +188,7 @@ impl Mesh {
             base_color_image: moved(material.base_color_image),
             metallic_roughness_image: moved(material.metallic_roughness_image),
             normal_image: moved(material.normal_image),
+            emission_image: moved(material.emission_image),
             ..*material
         }));
         self.texels.extend(&other.texels);
@@ -199,14 +209,18 @@ impl Light {
 }
 
 impl MeshMaterial {
-    /// Packs the material as shaders read it: 16 words.
-    fn words(&self) -> [u32; 16] {
+    /// Packs the material as shaders read it: 20 words.
+    fn words(&self) -> [u32; 20] {
         let image = |t: Texture| [t.first, t.width | t.height << 16];
         let [r, g, b, a] = self.base_color.map(f32::to_bits);
         let factors = [self.metallic, self.roughness, self.normal_scale, self.alpha_cutoff].map(f32::to_bits);
         let [m, s, n, c] = factors;
-        let ([b0, b1], [r0, r1], [n0, n1]) =
-            (image(self.base_color_image), image(self.metallic_roughness_image), image(self.normal_image));
-        [r, g, b, a, m, s, n, c, b0, b1, r0, r1, n0, n1, 0, 0]
+        let [er, eg, eb] = self.emission.map(f32::to_bits);
+        let [b0, b1] = image(self.base_color_image);
+        let [r0, r1] = image(self.metallic_roughness_image);
+        let [n0, n1] = image(self.normal_image);
+        let [e0, e1] = image(self.emission_image);
+        let unlit = f32::from(u8::from(self.unlit)).to_bits();
+        [r, g, b, a, m, s, n, c, b0, b1, r0, r1, n0, n1, e0, e1, er, eg, eb, unlit]
     }
 }

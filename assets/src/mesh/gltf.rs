@@ -26,6 +26,8 @@ use std::path::{Path, PathBuf};
 
 /// Extension for attributes of 8 and 16 bits.
 const QUANTIZATION: &str = "KHR_mesh_quantization";
+/// Extension for materials without shading.
+const UNLIT: &str = "KHR_materials_unlit";
 /// Extension that scales texture coordinates. It is not read. Quantized texture coordinates depend on it.
 const TEXTURE_TRANSFORM: &str = "KHR_texture_transform";
 
@@ -39,15 +41,18 @@ impl Mesh {
     /// Parses the bytes of a glTF file. Its buffers and images are read from `folder`.
     ///
     /// # Errors
-    /// The bytes are not glTF 2.0 or are damaged, require an extension other than `KHR_mesh_quantization`, use
-    /// `KHR_texture_transform` with it, have primitives other than triangles, or have no triangles; a buffer or an
-    /// image cannot be read; or a limit is exceeded. The text names the accessor, node or image.
+    /// The bytes are not glTF 2.0 or are damaged, require an extension other than `KHR_mesh_quantization` and
+    /// `KHR_materials_unlit`, use `KHR_texture_transform` with the former, have primitives other than triangles, or
+    /// have no triangles; a buffer or an image cannot be read; or a limit is exceeded. The text names the accessor,
+    /// node or image.
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
         check_length(bytes)?;
         json::check(json_of(bytes), json::GLTF_OBJECT).map_err(|message| wrong("glTF", message))?;
         let gltf = Gltf::from_slice_without_validation(bytes).map_err(|error| wrong("glTF", error))?;
-        if let Some(extension) = gltf.extensions_required().find(|name| *name != QUANTIZATION) {
-            let message = format!("expected no required extension but {QUANTIZATION}, found {extension}");
+        if let Some(extension) = gltf.extensions_required().find(|name| ![QUANTIZATION, UNLIT].contains(name))
+        {
+            let message =
+                format!("expected no required extension but {QUANTIZATION} and {UNLIT}, found {extension}");
             return Err(wrong("extensionsRequired", message));
         }
         let is_quantized = gltf.extensions_required().any(|name| name == QUANTIZATION);
@@ -396,6 +401,8 @@ impl<'a> Reader<'a> {
         let info = |info: gltf::texture::Info<'a>| (info.texture(), info.tex_coord());
         let base = image(pbr.base_color_texture().map(info))?;
         let rough = image(pbr.metallic_roughness_texture().map(info))?;
+        let glow = image(material.emissive_texture().map(info))?;
+        let strength = material.emissive_strength().unwrap_or(1.0);
         let bumps = material.normal_texture();
         let normal_scale = bumps.as_ref().map_or(1.0, gltf::material::NormalTexture::scale);
         let bumps = image(bumps.map(|normal| (normal.texture(), normal.tex_coord())))?;
@@ -411,6 +418,9 @@ impl<'a> Reader<'a> {
             base_color_image: self.image(base)?,
             metallic_roughness_image: self.image(rough)?,
             normal_image: self.image(bumps)?,
+            emission: material.emissive_factor().map(|v| v * strength),
+            emission_image: self.image(glow)?,
+            unlit: material.unlit(),
         };
         let index = self.mesh.materials.len() as u32;
         self.mesh.materials.push(made);

@@ -6,7 +6,8 @@ use glam::{DQuat, DVec3};
 
 /// Returns a quad without an image, and a triangle with one.
 fn mesh() -> Mesh {
-    let image = Texture { first: 0, width: 2, height: 1 };
+    let glow = Texture { first: 0, width: 2, height: 1 };
+    let image = Texture { first: 2, ..glow };
     let red = MeshMaterial { base_color: [0.5, 0.25, 0.0, 1.0], metallic: 0.0, ..MeshMaterial::default() };
     Mesh {
         positions: vec![
@@ -22,8 +23,11 @@ fn mesh() -> Mesh {
         uvs: vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0], [1.0, 1.0]],
         triangles: vec![[0, 1, 2], [0, 2, 3], [4, 5, 6]],
         material_of: vec![0, 0, 1],
-        materials: vec![red, MeshMaterial { base_color_image: image, alpha_cutoff: 0.25, ..red }],
-        texels: vec![[1, 2, 3, 4], [250, 128, 0, 255]],
+        materials: vec![
+            MeshMaterial { emission: [0.5, 0.0, 1.0], emission_image: glow, ..red },
+            MeshMaterial { base_color_image: image, alpha_cutoff: 0.25, unlit: true, ..red },
+        ],
+        texels: vec![[9; 4], [8; 4], [1, 2, 3, 4], [250, 128, 0, 255]],
         light: Light::default(),
     }
 }
@@ -99,8 +103,10 @@ fn attributes_are_the_lists_as_bytes_and_zeros_without_a_mesh() {
     };
     assert_eq!(words(&scene, "mesh.index"), [0, 1, 2, 0, 2, 3, 4, 5, 6]);
     assert_eq!(words(&scene, "mesh.position")[3], 1f32.to_bits());
-    assert_eq!(words(&scene, "mesh.texel"), [0x0403_0201, 0xFF00_80FA]);
-    assert_eq!(words(&scene, "mesh.material")[16 + 8..16 + 10], [0, 2 | 1 << 16]);
+    assert_eq!(words(&scene, "mesh.texel")[2..], [0x0403_0201, 0xFF00_80FA]);
+    let material = words(&scene, "mesh.material");
+    assert_eq!((&material[14..16], material[18]), (&[0, 2 | 1 << 16][..], 1f32.to_bits()));
+    assert_eq!((&material[20 + 8..20 + 10], material[39]), (&[2, 2 | 1 << 16][..], 1f32.to_bits()));
     assert_eq!(words(&scene, "mesh.light")[7], 0.25f32.to_bits());
     for name in MESH_ATTRIBUTES {
         assert!(words(&bare, name).iter().all(|word| *word == 0), "{name}");
@@ -123,7 +129,7 @@ fn a_mesh_moves_and_joins_with_its_scene() {
     let joined = Scene::joined(&[scene, moved]).unwrap();
     let all = joined.mesh().expect("both meshes");
     assert_eq!((all.triangles[3], all.material_of[5]), ([7, 8, 9], 3));
-    assert_eq!(all.materials[3].base_color_image.first, 2);
+    assert_eq!(all.materials[3].base_color_image.first, 6);
 }
 
 #[test]

@@ -78,6 +78,15 @@ impl Writer {
             image["scale"] = json!(of.normal_scale);
             material["normalTexture"] = image;
         }
+        if let Some(image) = self.image(mesh, of.emission_image)? {
+            material["emissiveTexture"] = image;
+        }
+        if of.emission != [0.0; 3] {
+            material["emissiveFactor"] = json!(of.emission.map(|v| v.min(1.0)));
+        }
+        if of.unlit {
+            material["extensions"] = json!({"KHR_materials_unlit": {}});
+        }
         if of.alpha_cutoff > 0.0 {
             material["alphaMode"] = json!("MASK");
             material["alphaCutoff"] = json!(of.alpha_cutoff);
@@ -126,6 +135,9 @@ impl Mesh {
             "materials": writer.materials, "accessors": writer.accessors, "bufferViews": writer.views,
             "buffers": [{"byteLength": writer.bytes.len()}],
         });
+        if self.materials.iter().any(|material| material.unlit) {
+            root["extensionsUsed"] = json!(["KHR_materials_unlit"]);
+        }
         if !writer.images.is_empty() {
             let textures: Vec<Value> =
                 (0..writer.images.len()).map(|source| json!({"source": source})).collect();

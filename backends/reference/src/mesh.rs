@@ -278,6 +278,10 @@ impl<'a> Caster<'a> {
             roughness *= green;
             metallic *= blue;
         }
+        if material.unlit {
+            return std::array::from_fn(|i| encode(base[i].clamp(0.0, 1.0)));
+        }
+        let glow = self.sample(material.emission_image, uv, true).unwrap_or([1.0; 4]);
         let normal = self.normal(hit, material, uv, to_camera);
         let to_light = DVec3::from(light.direction.map(f64::from));
         let between = (to_camera + to_light).normalize();
@@ -292,7 +296,8 @@ impl<'a> Caster<'a> {
             let fresnel = straight + (1.0 - straight) * (1.0 - vh).powi(5);
             let diffuse = (1.0 - fresnel) * (1.0 - metallic) * base[i];
             let lit = f64::from(light.color[i]) * nl * (diffuse + PI * distribution * visible * fresnel)
-                + f64::from(light.ambient) * base[i];
+                + f64::from(light.ambient) * base[i]
+                + f64::from(material.emission[i]) * glow[i];
             encode(lit.clamp(0.0, 1.0))
         })
     }

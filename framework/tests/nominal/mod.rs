@@ -47,7 +47,7 @@ pub fn catalog(count: u32) -> Catalog {
         ("uv", 8, 1),
         ("index", 4, 1),
         ("material_of", 4, 1),
-        ("material", 64, 1),
+        ("material", 80, 1),
         ("texel", 4, 1),
         ("light", 16, 2),
     ];
