@@ -181,7 +181,8 @@ fn a_path_through_cameras_with_one_lens_keeps_it_and_needs_a_graph_that_draws_it
     let film = "video scene.ply --cameras=lens.json --seconds=0.2 --fps=10 --size=48x27 -o";
     for lens in ["fisheye", "orthographic", "equirectangular"] {
         place.write("lens.json", with([lens; 2]));
-        place.done(&format!("{film} {lens} -p {lens}"));
+        let (_, told) = place.said(&format!("{film} {lens} -p {lens}"));
+        assert!(!told.contains("tilted"), "{lens}: {told}");
         for index in 0..2 {
             let still = format!("{lens}-{index}.png");
             place.done(&format!("render scene.ply -c lens.json#{index} --size=48x27 -p {lens} -o {still}"));
@@ -196,7 +197,9 @@ fn a_path_through_cameras_with_one_lens_keeps_it_and_needs_a_graph_that_draws_it
     // Pinhole cameras are converted to the graph's projection, also those that are written.
     place.write("lens.json", with(["pinhole"; 2]));
     for lens in ["fisheye", "orthographic", "equirectangular"] {
-        place.done(&format!("{film} converted-{lens} -p {lens} --write-cameras {lens}.json"));
+        let (_, told) = place.said(&format!("{film} converted-{lens} -p {lens} --write-cameras {lens}.json"));
+        let tilt = "panoramas are tilted by up to 8.4 degrees from the up direction 0,-1,0";
+        assert_eq!(told.contains(tilt), lens == "equirectangular", "{told}");
         place.done(&format!("render scene.ply -c {lens}.json#1 -p {lens} -o still.png"));
         let far = difference(&frame(&place, &format!("converted-{lens}"), 1), &place.image("still.png"));
         assert!(far < 2.5, "{lens}: {far}");
@@ -205,6 +208,8 @@ fn a_path_through_cameras_with_one_lens_keeps_it_and_needs_a_graph_that_draws_it
             &[(&format!("-c {lens}.json#1"), 1, &format!("expected a graph for {lens} cameras"))],
         );
     }
+    let still = "render scene.ply -c lens.json#0 -o still.png --size=48x24";
+    assert!(place.said(&format!("{still} -p equirectangular")).1.contains("panoramas are tilted by up to"));
     // Without a size, a panorama has the shape 2:1; without a target, it is level.
     place.done("video scene.ply --orbit=2 -p equirectangular -o round --write-cameras round.json");
     let camera = &place.json("round.json")[1];
@@ -229,6 +234,9 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
     assert_eq!(pictures, 6, "five pictures and film.json");
     place.done("video scene.ply --orbit=1 --size=32x18 -o turn.v2/");
     assert!(place.at("turn.v2/00000.png").exists(), "a slash makes a name with a dot a folder's");
+
+    let (_, told) = place.said("video scene.ply --orbit=2 --eye=0,-1,0 --target=0,-2,0 --size=32x18 -o spin");
+    assert!(told.contains("the camera only turns on the spot"), "{told}");
 
     let output = place.run("video scene.ply scene.ply --orbit=1 --size=32x18 -o both/");
     let text = String::from_utf8_lossy(&output.stderr);

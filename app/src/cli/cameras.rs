@@ -2,6 +2,7 @@
 
 use super::outcome::Usage;
 use crate::draw::camera;
+use crate::draw::orbit;
 use crate::io::output::{OutputGuard, one_line, say};
 use anyhow::{Result, bail};
 use splatgraph_assets::{Camera, CameraError, CameraOptions, Dataset, Projection, View};
@@ -160,6 +161,17 @@ pub fn tell_shape(cameras: &[Camera]) {
     if let Some(Camera { width, height, .. }) = cameras.iter().find(is_stretched) {
         say(format!(
             "a panorama has 360 by 180 degrees: players and headsets expect 2:1, found {width} x {height} pixels"
+        ));
+    }
+}
+
+/// Warns the user if pinholes become tilted panoramas.
+pub fn tell_tilt<'a>(pinholes: impl IntoIterator<Item = &'a Camera>, up: [f64; 3]) {
+    let most = pinholes.into_iter().map(|camera| orbit::tilt(camera, up)).fold(0.0, f64::max);
+    if most >= 0.05 {
+        let [x, y, z] = up;
+        say(format!(
+            "panoramas are tilted by up to {most:.1} degrees from the up direction {x},{y},{z}, as their cameras are: docs/projections.md has a script that levels cameras"
         ));
     }
 }

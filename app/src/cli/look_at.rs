@@ -23,7 +23,7 @@ pub struct LookAtArgs {
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
     target: Option<[f64; 3]>,
     /// World direction that points up in the picture: an axis such as z or -y, a vector, or `cameras`, the mean of
-    /// those of --cameras, which are then not drawn [default: the scene's, or -y]
+    /// those of --cameras, which are then not drawn; x points right in a view along it [default: the scene's, or -y]
     #[arg(long, value_name = "AXIS|X,Y,Z|cameras", allow_hyphen_values = true, value_parser = up)]
     up: Option<Up>,
     /// Horizontal field of view, in degrees: up to 179, or 360 for a fisheye [default: 60 across the longer side,
@@ -255,6 +255,12 @@ impl LookAtArgs {
         let mut start = self.start([eye, target, up.into()], size, zoom, scene, projection)?;
         if projection == Projection::Equirectangular {
             start = self.panorama(start, up);
+        }
+        let axis = DVec3::from(up).normalize_or(DVec3::NEG_Y);
+        if turns && (eye - target).cross(axis).length() < 1e-9 * eye.distance(target) {
+            say(
+                "the circle has no radius: --eye is on the axis --up through --target, so the camera only turns on the spot",
+            );
         }
         if let Some(fault) = start.fault() {
             return Err(Usage(format!("--eye, --target and --fov give no valid camera: {fault}")));

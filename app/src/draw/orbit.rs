@@ -37,6 +37,12 @@ pub fn pitch(camera: &Camera, up: [f64; 3]) -> f64 {
     90.0 - DVec3::from(camera.axes()[2]).angle_between(up).to_degrees()
 }
 
+/// Computes the angle between the picture's upward direction and `up`, in degrees.
+pub fn tilt(camera: &Camera, up: [f64; 3]) -> f64 {
+    let up = DVec3::from(up).normalize_or(DVec3::NEG_Y);
+    (-DVec3::from(camera.axes()[1])).angle_between(up).to_degrees()
+}
+
 /// A circular motion of a camera around an axis through a point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Orbit {

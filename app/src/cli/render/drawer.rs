@@ -49,8 +49,11 @@ impl Loaded {
         let given = work.given.clone().or(own.map(|own| vec![own]));
         let size = args.drawing.size;
         let mut found = loading::cameras_of(&scene, given, size);
-        if work.given.is_none() && graph == Projection::Equirectangular {
-            found = found.iter().map(|camera| orbit::levelled(camera, scene.up())).collect();
+        if graph == Projection::Equirectangular && args.look.names().is_none() {
+            match work.given {
+                Some(_) => cameras::tell_tilt(found.iter().filter(|c| c.projection.is_pinhole()), scene.up()),
+                None => found = found.iter().map(|camera| orbit::levelled(camera, scene.up())).collect(),
+            }
         }
         found = args.look.cameras(&scene, size, graph)?.unwrap_or(found);
         // The exact renderer draws each camera in its own projection, unless the graph's name selects one.

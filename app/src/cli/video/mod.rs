@@ -329,6 +329,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
         ));
     }
     cameras::tell_shape(&[first.projected(graph, session.scene())]);
+    let pinholes = keys.as_deref().is_some_and(|keys| keys.iter().all(|key| key.projection.is_pinhole()));
+    if graph == Projection::Equirectangular && pinholes {
+        cameras::tell_tilt(&cameras, session.scene().up());
+    }
     prepare_plan(&mut session, first)?;
     let note = session.background_note(args.background);
     let plan = session.plan().context("no plan after `prepare`")?;
