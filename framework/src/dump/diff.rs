@@ -24,6 +24,12 @@ pub struct Diff {
     pub parameters: Vec<PropertyChange>,
     /// Facts with different values.
     pub facts: Vec<PropertyChange>,
+    /// Statistics in other words, or with other parameters that grow with them.
+    #[serde(default)]
+    pub stats: Vec<PropertyChange>,
+    /// The outputs `output` (shown or saved) and `output NAME` (requested) with other images.
+    #[serde(default)]
+    pub outputs: Vec<PropertyChange>,
     /// All totals, including equal ones.
     pub totals: Vec<TotalChange>,
     /// Passes; `only_a` and `only_b` have their names.
@@ -110,16 +116,18 @@ pub struct BarrierChange {
 }
 
 impl Diff {
-    /// Returns true if the two plans have equal passes, barriers and resources, even if parameters or facts differ.
+    /// Returns true if the two plans have equal passes, barriers, resources, statistics and outputs, even if values of
+    /// parameters or facts differ.
     pub fn is_empty(&self) -> bool {
         fn none<T, C>(d: &Differences<T, C>) -> bool {
             d.only_a.is_empty() && d.only_b.is_empty() && d.changed.is_empty()
         }
-        none(&self.passes) && none(&self.barriers) && none(&self.resources)
+        let listed = self.stats.is_empty() && self.outputs.is_empty();
+        listed && none(&self.passes) && none(&self.barriers) && none(&self.resources)
     }
 }
 
-/// Compares the parameters, facts, totals, passes, barriers and resources of two dumps.
+/// Compares the parameters, facts, statistics, outputs, totals, passes, barriers and resources of two dumps.
 pub fn diff(a: &Dump, b: &Dump) -> Diff {
     let side = |d: &Dump| DiffSide { graph: d.graph.clone(), summary: d.summary.clone() };
     let parameters = |d: &Dump| d.parameters.iter().map(|p| (p.name.clone(), p.value.to_string())).collect();
@@ -132,6 +140,8 @@ pub fn diff(a: &Dump, b: &Dump) -> Diff {
         b: side(b),
         parameters: changes(&parameters(a), &parameters(b)),
         facts: changes(&facts(a), &facts(b)),
+        stats: changes(&stats(a), &stats(b)),
+        outputs: changes(&outputs(a), &outputs(b)),
         totals: totals(a).into_iter().zip(totals(b)).map(|((name, a), (_, b))| total(name, a, b)).collect(),
         passes: match_up(
             &a.passes,
@@ -224,6 +234,21 @@ fn totals(dump: &Dump) -> Vec<(&'static str, u64)> {
         ("freed bytes", t.freed_bytes),
         ("host bytes", t.host_bytes),
     ]
+}
+
+/// Returns the word of each statistic, and the parameters that grow with it: `counters+80, grows entries`.
+fn stats(dump: &Dump) -> Properties {
+    let grown = |stat: &str| -> String {
+        let grown = dump.parameters.iter().filter(|p| p.grows.as_deref() == Some(stat));
+        grown.map(|p| format!(", grows {}", p.name)).collect()
+    };
+    let stats = dump.stats.iter();
+    stats.map(|s| (s.name.clone(), format!("{}+{}{}", s.buffer, s.offset, grown(&s.name)))).collect()
+}
+
+fn outputs(dump: &Dump) -> Properties {
+    let requested = dump.outputs.iter().map(|(name, image)| (format!("output {name}"), image.clone()));
+    std::iter::once(("output".into(), dump.output.clone())).chain(requested).collect()
 }
 
 fn pass_properties(pass: &DumpPass) -> Properties {

@@ -23,7 +23,12 @@ pub fn diff_text(diff: &Diff) -> String {
 fn write_diff(out: &mut String, diff: &Diff) -> fmt::Result {
     writeln!(out, "a: {}: {}", diff.a.graph, diff.a.summary)?;
     writeln!(out, "b: {}: {}", diff.b.graph, diff.b.summary)?;
-    for (title, changes) in [("parameters", &diff.parameters), ("facts", &diff.facts)] {
+    for (title, changes) in [
+        ("parameters", &diff.parameters),
+        ("facts", &diff.facts),
+        ("statistics", &diff.stats),
+        ("outputs", &diff.outputs),
+    ] {
         if !changes.is_empty() {
             writeln!(out, "\n{title}")?;
         }

@@ -79,6 +79,26 @@ fn a_barrier_with_other_masks_or_reasons_is_changed_and_one_on_another_line_is_n
 }
 
 #[test]
+fn a_statistic_in_another_word_or_that_grows_nothing_and_another_output_are_differences() {
+    let a = example_dump(4);
+    let stat = a.stats.first().expect("it has statistics").name.clone();
+    let mut fixed = a.clone();
+    fixed.parameters[0].grows = None;
+    let mut moved = a.clone();
+    moved.stats[0].offset += 16;
+    for other in [fixed, moved] {
+        let diff = diff(&a, &other);
+        assert!(!diff.is_empty() && diff.stats.len() == 1 && diff.stats[0].name == stat, "{diff:?}");
+        assert!(diff_text(&diff).contains(&format!("\nstatistics\n  {stat} ")), "{}", diff_text(&diff));
+    }
+    let mut shown = a.clone();
+    shown.output = "color".into();
+    shown.outputs.insert("depth".into(), "depth".into());
+    let names: Vec<String> = diff(&a, &shown).outputs.into_iter().map(|change| change.name).collect();
+    assert!(!diff(&a, &shown).is_empty() && names == ["output", "output depth"], "{names:?}");
+}
+
+#[test]
 fn resources_change_in_size_and_neighbours() {
     let a = example_dump(4);
     let mut plan = example::splat(4);
