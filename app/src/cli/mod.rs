@@ -118,7 +118,7 @@ struct Cli {
     command: Command,
     /// Allow graphs and shaders to name files in this folder; may be repeated
     ///
-    /// Other files must be in the graph's folder, in the folders pipelines/ and shaders/ beside it, or built in.
+    /// Other files must be in the graph's folder, in pipelines/ or shaders/ next to that folder, or built in.
     #[arg(long, value_name = "DIR", global = true)]
     include_root: Vec<PathBuf>,
     /// Accepted before the command's name, and passed to the arguments of the command.

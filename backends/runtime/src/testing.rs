@@ -114,6 +114,7 @@ fn pass(name: &str, run: Run, work: Work, bindings: Vec<Binding>) -> Pass {
 fn shader(name: &str, stage: ShaderStage) -> Shader {
     Shader {
         name: name.to_string(),
+        path: name.to_string(),
         defines: Vec::new(),
         spirv: Arc::new(vec![0x0723_0203]),
         reflection: reflection(stage, [64, 1, 1], Features::empty()),

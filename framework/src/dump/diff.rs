@@ -1,12 +1,12 @@
 //! Compares two dumps, to show the effect of a parameter or another graph.
 //!
 //! Passes and resources are matched by name, barriers by the pass after them and their image. Origins and barrier
-//! numbers do not affect execution and are not compared.
+//! numbers do not affect execution and are not compared. The code of shaders is compared as SPIR-V.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-use super::form::{DUMP_VERSION, Dump, DumpBarrier, DumpCause, DumpPass, DumpResource};
+use super::form::{DUMP_VERSION, Dump, DumpBarrier, DumpCause, DumpPass, DumpResource, DumpShader};
 use super::text::comes_after;
 use crate::ir::Use;
 use crate::plan::Cause;
@@ -148,7 +148,10 @@ pub fn diff(a: &Dump, b: &Dump) -> Diff {
             &b.passes,
             |p| p.name.clone(),
             |p| p.name.clone(),
-            |a, b| named(&a.name, changes(&pass_properties(a), &pass_properties(b))),
+            |a, b| {
+                let properties = changes(&pass_properties(a), &pass_properties(b));
+                named(&a.name, [properties, code_changes(a, b)].concat())
+            },
         ),
         barriers: match_up(
             &a.barriers().cloned().collect::<Vec<_>>(),
@@ -284,6 +287,18 @@ fn pass_properties(pass: &DumpPass) -> Properties {
     all.push(("writes".into(), uses(&pass.writes)));
     all.push(("comes after".into(), comes_after(pass)));
     all
+}
+
+/// Compares the code of shaders that have one name in both graphs. Other defines explain other code of one file.
+fn code_changes(a: &DumpPass, b: &DumpPass) -> Vec<PropertyChange> {
+    let pairs = a.shaders.iter().zip(&b.shaders);
+    let other = pairs.filter(|(a, b)| {
+        a.file == b.file && a.code != b.code && (a.path != b.path || a.defines == b.defines)
+    });
+    let text = |shader: &DumpShader| Some(format!("{}, SPIR-V {}", shader.path, shader.code));
+    other
+        .map(|(a, b)| PropertyChange { name: format!("code of {}", a.file), a: text(a), b: text(b) })
+        .collect()
 }
 
 fn uses(uses: &[Use<String>]) -> String {

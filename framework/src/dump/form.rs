@@ -304,6 +304,12 @@ pub struct Iteration {
 pub struct DumpShader {
     /// File name, as in the graph.
     pub file: String,
+    /// Path of the file that was found for the name, such as `shaders/splat.frag`, with ` (built in)` if it is.
+    #[serde(default)]
+    pub path: String,
+    /// Hash of the SPIR-V, in hexadecimal. Comparable between dumps of the same version of the program.
+    #[serde(default)]
+    pub code: String,
     /// Preprocessor defines that the shader's text mentions.
     pub defines: Vec<Define>,
     /// Invocations of a workgroup in x, y, z.

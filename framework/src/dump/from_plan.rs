@@ -13,6 +13,7 @@ use crate::plan::{Cause, Dependency, LayoutChange, Plan, Resource, Warning};
 use crate::solve;
 use indexmap::{IndexMap, IndexSet};
 use std::collections::HashSet;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::Range;
 
 /// Returns the plan with names in place of numbers, and without barriers. A backend adds those of its API with
@@ -246,8 +247,12 @@ fn kind_and_size(plan: &Plan, work: &Work) -> (&'static str, String) {
 fn shader_of(plan: &Plan, id: ShaderId) -> DumpShader {
     let shader = plan.shader(id);
     let define = |(name, value): &(String, String)| Define { name: name.clone(), value: value.clone() };
+    let mut code = DefaultHasher::new();
+    shader.spirv.hash(&mut code);
     DumpShader {
         file: shader.name.clone(),
+        path: shader.path.clone(),
+        code: format!("{:016x}", code.finish()),
         defines: shader.defines.iter().map(define).collect(),
         local_size: shader.reflection.local_size,
         shared_bytes: shader.reflection.shared_bytes,

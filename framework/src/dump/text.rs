@@ -102,6 +102,12 @@ fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
             writeln!(out, "  {:<20} {} ({}:{})", l.pass, l.why, l.origin.file, l.origin.line)?;
         }
     }
+    let shaders = dump.passes.iter().flat_map(|pass| &pass.shaders).filter(|shader| !shader.path.is_empty());
+    let files: IndexSet<(&str, &str)> = shaders.map(|shader| (&*shader.file, &*shader.path)).collect();
+    if !files.is_empty() {
+        writeln!(out, "\nshaders")?;
+        files.iter().try_for_each(|(file, path)| writeln!(out, "  {file:<24} {path}"))?;
+    }
     writeln!(out, "\noutput: {}", dump.output)?;
     dump.outputs.iter().try_for_each(|(name, image)| writeln!(out, "output {name}: {image}"))?;
     dump.stats.iter().try_for_each(|s| writeln!(out, "stat {}: {}+{}", s.name, s.buffer, s.offset))

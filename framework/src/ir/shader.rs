@@ -11,6 +11,8 @@ use super::{Features, Format};
 pub struct Shader {
     /// Path as in the graph, for instance `sort/scatter.comp`.
     pub name: String,
+    /// Path of the file that was found for the name, for messages: `shaders/sort/scatter.comp (built in)`.
+    pub path: String,
     /// Names and values of the defines that the shader's text mentions.
     pub defines: Vec<(String, String)>,
     /// SPIR-V code, in 32-bit words.

@@ -87,7 +87,8 @@ impl Linker<'_> {
         let request = ShaderRequest { file, stage, defines, unfit, generated };
         let id = match self.compiler.compile(self.files, &request) {
             Ok(Compiled { spirv, defines, reached, reflection, declared }) => {
-                let shader = Shader { name: name.name.clone(), defines, spirv, reflection, msl: None };
+                let (name_in_graph, path) = (name.name.clone(), self.files.shown_path(file).into_owned());
+                let shader = Shader { name: name_in_graph, path, defines, spirv, reflection, msl: None };
                 let at = self.shaders.iter().position(|s| *s == shader).unwrap_or_else(|| {
                     self.shaders.push(shader);
                     self.shaders.len() - 1

@@ -224,6 +224,7 @@ impl Build {
         let compiled = compiled.unwrap_or_else(|errors| panic!("{}", render(&files, &errors, false)));
         self.plan.shaders.push(Shader {
             name: name.to_string(),
+            path: name.to_string(),
             defines: compiled.defines,
             spirv: compiled.spirv,
             reflection: compiled.reflection,

@@ -134,6 +134,7 @@ function passPanel(pass) {
       "div",
       { class: "card" },
       h("h4", {}, of.file),
+      of.path && of.path !== of.file ? quiet(of.path) : null,
       pass.kind === "dispatch" ? quiet(workgroup(of)) : null,
       ...of.defines.map((d) => h("div", { class: "flag" }, `${d.name} = ${d.value}`)),
     );

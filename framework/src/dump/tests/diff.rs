@@ -60,6 +60,24 @@ fn changes_of_a_pass_are_named() {
 }
 
 #[test]
+fn another_file_of_a_shader_is_a_change_only_if_its_code_differs() {
+    let a = example_dump(4);
+    let mut plan = example::splat(4);
+    let shader = plan.shaders.iter_mut().find(|s| s.name == "project.comp").expect("it is there");
+    shader.path = "mine/project.comp".into();
+    assert!(diff(&a, &dump(&plan)).is_empty());
+    let shader = plan.shaders.iter_mut().find(|s| s.name == "project.comp").expect("it is there");
+    shader.spirv = std::sync::Arc::new(vec![1]);
+    shader.defines[0].1 = "5".into();
+    let b = dump(&plan);
+    let changed = diff(&a, &b).passes.changed;
+    let code = changed[0].changes.last().expect("a change");
+    assert!(code.name == "code of project.comp", "{changed:?}");
+    assert!(code.b.as_ref().is_some_and(|b| b.starts_with("mine/project.comp, SPIR-V ")), "{code:?}");
+    assert!(crate::dump::text(&b).contains("\n  project.comp             mine/project.comp\n"));
+}
+
+#[test]
 fn a_barrier_with_other_masks_or_reasons_is_changed_and_one_on_another_line_is_not() {
     let a = example_dump(4);
     let mut plan = example::splat(4);

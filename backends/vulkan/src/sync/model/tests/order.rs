@@ -147,6 +147,7 @@ fn two_stages_that_access_by_atomics_alone_do_not_race() {
     sketch.plan.passes[1].bindings = vec![binding];
     let shader = |stage, atomics_only| Shader {
         name: "count".into(),
+        path: String::new(),
         defines: vec![],
         spirv: Default::default(),
         msl: None,
