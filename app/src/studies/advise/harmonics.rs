@@ -44,7 +44,10 @@ pub fn bands(scene: &Scene) -> Vec<Band> {
         [a, b, c, d, weight]
     };
     let add = |a: [f64; 5], b: [f64; 5]| std::array::from_fn(|i| a[i] + b[i]);
-    let sum = (0..Splats::count(scene)).into_par_iter().map(of_splat).reduce(|| [0.0; 5], add);
+    // Chunks of a fixed size, added in order: with any threads, sums are rounded alike.
+    let of_chunks =
+        (0..Splats::count(scene)).into_par_iter().map(of_splat).fold_chunks(4096, || [0.0; 5], add);
+    let sum = of_chunks.collect::<Vec<_>>().into_iter().fold([0.0; 5], add);
     let directional: f64 = sum[1..4].iter().sum();
     (0..=scene.stored_degree())
         .map(|band| {
@@ -99,6 +102,22 @@ mod tests {
         }
         let share = energies[2] / energies[1..].iter().sum::<f64>();
         assert!((bands[2].share - share).abs() < 1e-4 && bands[0].share == 0.0, "{bands:?}");
+    }
+
+    #[test]
+    fn sums_are_equal_for_any_number_of_threads() {
+        let scene = Scene::generate(20_000, 3, |i| Splat {
+            position: [0.0; 3],
+            scale: [1.0, 2.0, 0.1 + (i as f32).sin().abs()],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity: 0.5,
+            sh: std::array::from_fn(|at| (i as f32 * 0.7 + at as f32).cos()),
+        });
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            pool.install(|| bands(&scene))
+        };
+        assert_eq!(with(1), with(4));
     }
 
     #[test]
