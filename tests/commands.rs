@@ -61,6 +61,41 @@ fn a_scene_is_drawn_from_every_camera_with_statistics_and_sorted_keys() {
 }
 
 #[test]
+fn pixels_that_a_file_cannot_hold_are_counted() {
+    let place = Place::new();
+    place.write(
+        "nan.comp",
+        "#version 460\nlayout(local_size_x = 64) in;\n\
+         layout(set = 0, binding = 0, rgba32f) writeonly uniform image2D image;\n\
+         void main() {\n\
+             int x = int(gl_GlobalInvocationID.x);\n\
+             imageStore(image, ivec2(x, 0), vec4(uintBitsToFloat(x == 5 ? 0x7fc00000u : 0u), 0.5, 0.5, 1.0));\n\
+             imageStore(image, ivec2(x, 1), vec4(0.5, 0.5, uintBitsToFloat(x == 9 ? 0x7f800000u : 0u), 1.0));\n\
+         }",
+    );
+    place.write(
+        "nan.ron",
+        r#"Graph(
+          version: 1, summary: "NaN and infinity",
+          resources: { "image": Image(format: "rgba32f", size: (64, 2)) },
+          passes: [Dispatch(name: "fill", shader: "nan.comp", size: Threads(64), bind: { "image": "image" })],
+          output: "image",
+        )"#,
+    );
+    let line = "scene.ply -p nan.ron --size 64x2 -o";
+    let counted = "2 of 128 pixels are NaN or infinite";
+    let (_, errors) = place.said(&format!("render {line} a.png --json=a.json"));
+    assert!(errors.contains(&format!("a.png: {counted}")), "{errors}");
+    assert_eq!(place.json("a.json")[0]["not_finite"], 2);
+    let (_, errors) = place.said(&format!("render {line} a.npy --json=a.json"));
+    assert!(!errors.contains("NaN") && place.json("a.json")[0].get("not_finite").is_none(), "{errors}");
+    for (output, name) in [("a.apng", "frame 0"), ("frames", "00000.png")] {
+        let (_, errors) = place.said(&format!("video {line} {output} --orbit=1 --fps=1"));
+        assert!(errors.contains(&format!("{name}: {counted}")), "{errors}");
+    }
+}
+
+#[test]
 fn a_picture_is_the_same_in_every_format_and_compares_as_such() {
     let place = Place::demo(5000);
     for picture in ["a.npy", "b.exr", "c.png"] {

@@ -48,7 +48,7 @@ fn every_format_has_the_frames_of_the_folder_which_begin_at_the_first_camera() {
     let mut bytes = vec![0; reader.output_buffer_size().expect("a size")];
     for frame in &frames {
         reader.next_frame(&mut bytes).expect("a frame");
-        assert!(bytes == frame.bytes());
+        assert!(bytes == frame.bytes().0);
     }
     let said = drawn(&place, "film.gif");
     assert!(said.contains("bytes; 4 drawn"), "{said}");
@@ -62,7 +62,7 @@ fn every_format_has_the_frames_of_the_folder_which_begin_at_the_first_camera() {
         // A palette has 256 colours, so the frame is only the nearest one.
         let far = |frame: &Image| {
             let found = found.buffer.chunks_exact(4).flat_map(|pixel| &pixel[..3]);
-            found.zip(frame.bytes()).map(|(a, b)| u64::from(a.abs_diff(b))).sum::<u64>()
+            found.zip(frame.bytes().0).map(|(a, b)| u64::from(a.abs_diff(b))).sum::<u64>()
         };
         assert_eq!((0..frames.len()).min_by_key(|&other| far(&frames[other])), Some(index));
     }

@@ -57,6 +57,9 @@ pub struct CameraStats {
     /// Files of the camera, by output; `picture` is the picture. Empty if none was written.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub files: BTreeMap<String, String>,
+    /// Number of pixels that are NaN or infinite; `None` unless the picture's file cannot hold them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub not_finite: Option<usize>,
     /// Number of splats of the scene; `None` if the graph draws no scene.
     #[serde(skip)]
     pub(crate) loaded: Option<u64>,
@@ -145,6 +148,7 @@ impl CameraStats {
             frames: frames.len(),
             buffers: memory.into_iter().map(|(name, bytes)| BufferSize { name, bytes }).collect(),
             files: BTreeMap::new(),
+            not_finite: None,
             loaded: draws_scene.then_some(loaded),
             stats,
             inspected: Vec::new(),

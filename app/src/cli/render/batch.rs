@@ -12,7 +12,7 @@ use crate::draw::pictures::{self, Pictures};
 use crate::draw::session::{FrameOptions, Session, SessionError, image_of};
 use crate::draw::stats::CameraStats;
 use crate::io::image::Format;
-use crate::io::output::one_line;
+use crate::io::output::{one_line, say};
 use crate::io::progress::Progress;
 use anyhow::{Context, Result, bail};
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameId, Pixels};
@@ -59,6 +59,8 @@ struct Flying {
 struct Told {
     stats: CameraStats,
     line: String,
+    /// Warning about pixels that the picture's format cannot hold.
+    note: Option<String>,
 }
 
 impl Batch {
@@ -248,10 +250,13 @@ impl Batch {
                 let output = outputs::named(name, source, image.as_ref(), background);
                 output.with_context(|| format!("the device returned no output `{name}`"))?.save(path)?;
             }
+            let mut note = None;
             let line = match (destination, image) {
                 (Some(destination), Some(image)) => {
                     let path = destination.path(&stem);
-                    image.save_as(destination.format(), &path)?;
+                    let not_finite = image.save_as(destination.format(), &path)?;
+                    stats.not_finite = not_finite.map(|found| found.pixels);
+                    note = not_finite.and_then(|found| found.note(path.display()));
                     format!("{}: {} x {}, {}", path.display(), image.width, image.height, stats.line())
                 }
                 _ => {
@@ -261,7 +266,7 @@ impl Batch {
                     format!("{}: {}", one_line(&name), stats.line())
                 }
             };
-            Ok(Told { stats, line })
+            Ok(Told { stats, line, note })
         };
         for told in self.pictures.start(bytes, work)? {
             self.tell(told, progress)?;
@@ -287,8 +292,11 @@ impl Batch {
         Ok(self.done.as_deref().unwrap_or_default())
     }
 
-    fn tell(&mut self, Told { stats, line }: Told, progress: &Progress) -> Result<()> {
-        progress.suspend(|| self.stdout.line(&line))?;
+    fn tell(&mut self, Told { stats, line, note }: Told, progress: &Progress) -> Result<()> {
+        progress.suspend(|| {
+            note.iter().for_each(say);
+            self.stdout.line(&line)
+        })?;
         if let Some(done) = &mut self.done {
             done.push(stats);
         }

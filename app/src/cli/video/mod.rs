@@ -394,7 +394,11 @@ impl Job<'_> {
             let mut writer = format.begin(out, self.size, self.args.fps, self.film.frames)?;
             let mut unwritten = None;
             let mut done = 0;
-            let encode = move |_, image: image::Image| format.encode(&image).map_err(|error| anyhow!(error));
+            let encode = move |frame, image: image::Image| {
+                let (encoded, not_finite) = format.encode(&image).map_err(|error| anyhow!(error))?;
+                not_finite.note(format_args!("frame {frame}")).iter().for_each(say);
+                Ok(encoded)
+            };
             let drawn = film::draw(session, self.film, &frames, &self.options(), encode, |frame| {
                 done += 1;
                 progress.set(done, frames.len() as u64, "");

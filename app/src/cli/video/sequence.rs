@@ -4,7 +4,7 @@
 //! Therefore, pictures in a folder with an equal record need not be drawn again.
 
 use crate::io::image::{Format, Image, ImageError};
-use crate::io::output::{self, Claim};
+use crate::io::output::{self, Claim, say};
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use serde_json::Value;
@@ -29,8 +29,12 @@ impl Sequence {
         self.folder.join(format!("{frame:05}.{}", self.format))
     }
 
+    /// Saves a frame. Reports its pixels that the format cannot hold.
     pub fn save(&self, frame: u32, image: &Image) -> Result<(), ImageError> {
-        image.save_as(self.format, &self.picture(frame))
+        let path = self.picture(frame);
+        let not_finite = image.save_as(self.format, &path)?;
+        not_finite.and_then(|found| found.note(path.display())).iter().for_each(say);
+        Ok(())
     }
 
     /// Lists the frames without a complete picture of this size, and writes the record if there is none.

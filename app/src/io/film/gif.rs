@@ -1,7 +1,7 @@
 //! Writes animated GIFs, with 256 colours in each frame.
 
 use super::frame::{Frame, Rate, Writer, mixed};
-use crate::io::image::Image;
+use crate::io::image::{Image, NotFinite};
 use crate::io::output::file::Cause;
 use std::io::Write;
 
@@ -11,7 +11,7 @@ const MAX_GIF_SIDE: usize = 65_535;
 const SPEED: i32 = 10;
 
 /// Chooses a frame's 256 colours, and compresses the frame.
-pub(super) fn encode(image: &Image) -> Result<gif::Frame<'static>, Cause> {
+pub(super) fn encode(image: &Image) -> Result<(gif::Frame<'static>, NotFinite), Cause> {
     if image.width.max(image.height) > MAX_GIF_SIDE {
         let found = format!("{} x {}", image.width, image.height);
         return Err(format!(
@@ -20,9 +20,10 @@ pub(super) fn encode(image: &Image) -> Result<gif::Frame<'static>, Cause> {
         .into());
     }
     let (width, height) = (image.width as u16, image.height as u16);
-    let mut frame = gif::Frame::from_rgb_speed(width, height, &image.bytes(), SPEED);
+    let (bytes, not_finite) = image.bytes();
+    let mut frame = gif::Frame::from_rgb_speed(width, height, &bytes, SPEED);
     frame.make_lzw_pre_encoded();
-    Ok(frame)
+    Ok((frame, not_finite))
 }
 
 pub(super) struct Film<'a> {

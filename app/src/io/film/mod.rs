@@ -16,7 +16,7 @@ mod frame;
 mod gif;
 mod y4m;
 
-use crate::io::image::Image;
+use crate::io::image::{Image, NotFinite};
 use crate::io::output::file::Cause;
 use std::io::Write;
 use std::path::Path;
@@ -65,18 +65,22 @@ impl Format {
         Ok(())
     }
 
-    /// Encodes a frame as far as possible without the other frames.
+    /// Encodes a frame as far as possible without the other frames. Also counts its pixels that are not finite.
     ///
     /// # Errors
     /// The picture is too large for the format.
-    pub fn encode(self, image: &Image) -> Result<Frame, Cause> {
-        Ok(match self {
-            Format::Gif => Frame::Gif(Box::new(gif::encode(image)?)),
-            Format::Apng => Frame::Bytes(image.bytes()),
-            Format::Y4m => Frame::Bytes(y4m::encode(image)),
+    pub fn encode(self, image: &Image) -> Result<(Frame, NotFinite), Cause> {
+        let (bytes, not_finite) = match self {
+            Format::Gif => {
+                let (frame, not_finite) = gif::encode(image)?;
+                return Ok((Frame::Gif(Box::new(frame)), not_finite));
+            }
+            Format::Apng => image.bytes(),
+            Format::Y4m => y4m::encode(image),
             #[cfg(feature = "av1")]
-            Format::Mp4 => Frame::Bytes(y4m::planes(image)),
-        })
+            Format::Mp4 => y4m::planes(image),
+        };
+        Ok((Frame::Bytes(bytes), not_finite))
     }
 
     /// Begins a film of exactly `frames` frames. `size` is the width and height, in pixels.
@@ -118,7 +122,7 @@ mod tests {
         let rate = rate.parse().expect("a rate");
         let mut writer = format.begin(&mut bytes, SIZE, rate, 4).expect("a film");
         for frame in 0..4 {
-            writer.add(format.encode(&picture(frame)).expect("a frame")).expect("written");
+            writer.add(format.encode(&picture(frame)).expect("a frame").0).expect("written");
         }
         writer.finish().expect("an end");
         bytes
@@ -133,7 +137,7 @@ mod tests {
         assert_eq!((decoder.width(), decoder.height()), (9, 5));
         let mut delays = Vec::new();
         while let Some(frame) = decoder.read_next_frame().expect("a frame") {
-            let expected = picture(delays.len()).bytes();
+            let expected = picture(delays.len()).bytes().0;
             let found: Vec<u8> = frame.buffer.chunks(4).flat_map(|p| p[..3].to_vec()).collect();
             assert_eq!(found, expected, "frame {}", delays.len());
             delays.push(frame.delay);
@@ -141,6 +145,16 @@ mod tests {
         // Four frames take 13.3 hundredths of a second.
         assert_eq!(delays, [3, 4, 3, 3]);
         assert_eq!(decoder.repeat(), ::gif::Repeat::Infinite);
+    }
+
+    #[test]
+    fn every_format_counts_the_pixels_that_it_cannot_hold() {
+        let mut image = picture(0);
+        (image.rgb[1], image.rgb[7]) = ([0.5, f32::NAN, f32::NAN], [f32::INFINITY, 0.0, 0.0]);
+        for name in ["a.gif", "a.apng", "a.y4m"] {
+            let format = Format::of(Path::new(name)).expect("a format");
+            assert_eq!(format.encode(&image).expect("a frame").1, NotFinite { pixels: 2, of: 45 }, "{name}");
+        }
     }
 
     #[test]
@@ -175,7 +189,7 @@ mod tests {
             reader.next_frame(&mut found).expect("a frame");
             let control = *reader.info().frame_control().expect("a frame's control");
             assert_eq!((control.delay_num, control.delay_den), (1001, 30000));
-            assert_eq!(found, picture(frame).bytes(), "frame {frame}");
+            assert_eq!(found, picture(frame).bytes().0, "frame {frame}");
         }
     }
 
@@ -197,7 +211,7 @@ mod tests {
             ([1.0, 0.0, 0.0], [63, 102, 240]),
             ([0.0, 0.0, 1.0], [32, 240, 118]),
         ] {
-            let planes = y4m::encode(&Image::from_fn(2, 2, |_, _| rgb));
+            let planes = y4m::encode(&Image::from_fn(2, 2, |_, _| rgb)).0;
             assert_eq!(planes[6..], [&[expected[0]; 4][..], &expected[1..]].concat(), "{rgb:?}");
         }
     }
@@ -213,7 +227,7 @@ mod tests {
         for frame in 0..4 {
             let picture =
                 Image::from_fn(32, 18, |x, y| [x as f32 / 32.0, y as f32 / 18.0, 0.2 * frame as f32]);
-            writer.add(Format::Mp4.encode(&picture).expect("a frame")).expect("written");
+            writer.add(Format::Mp4.encode(&picture).expect("a frame").0).expect("written");
         }
         writer.finish().expect("an end");
         let mut demuxer = Mp4FileDemuxer::new();

@@ -4,7 +4,7 @@
 //! pixels. The format has no field for the matrix, so a reader has to assume BT.709.
 
 use super::frame::{Frame, Rate, Writer, mixed};
-use crate::io::image::Image;
+use crate::io::image::{Image, NotFinite, is_finite};
 use crate::io::output::file::Cause;
 use std::io::Write;
 
@@ -14,17 +14,21 @@ const RED: f32 = 0.2126;
 /// Luma weight of blue in BT.709; green has the rest.
 const BLUE: f32 = 0.0722;
 
-pub(super) fn encode(image: &Image) -> Vec<u8> {
-    [b"FRAME\n".as_slice(), &planes(image)].concat()
+pub(super) fn encode(image: &Image) -> (Vec<u8>, NotFinite) {
+    let (planes, not_finite) = planes(image);
+    ([b"FRAME\n".as_slice(), &planes].concat(), not_finite)
 }
 
-/// Converts a picture to the planes of a frame: luma, blue chroma, red chroma.
-pub(super) fn planes(image: &Image) -> Vec<u8> {
+/// Converts a picture to the planes of a frame: luma, blue chroma, red chroma. Also counts the pixels that are not
+/// finite.
+pub(super) fn planes(image: &Image) -> (Vec<u8>, NotFinite) {
+    let mut not_finite = NotFinite { pixels: 0, of: image.rgb.len() };
     let (width, height) = (image.width, image.height);
     let [across, down] = [width, height].map(|side| side.div_ceil(2));
     let mut bytes = Vec::with_capacity(width * height + 2 * across * down);
     let clamped = |x: usize, y: usize| image.at(x, y).map(|value| value.clamp(0.0, 1.0));
     for pixel in &image.rgb {
+        not_finite.pixels += usize::from(!is_finite(*pixel));
         bytes.push(level(16.0 + 219.0 * luma(pixel.map(|value| value.clamp(0.0, 1.0)))));
     }
     let mut chroma = [Vec::with_capacity(across * down), Vec::with_capacity(across * down)];
@@ -43,7 +47,7 @@ pub(super) fn planes(image: &Image) -> Vec<u8> {
     for plane in chroma {
         bytes.extend(plane);
     }
-    bytes
+    (bytes, not_finite)
 }
 
 fn luma([red, green, blue]: [f32; 3]) -> f32 {

@@ -25,7 +25,8 @@ use tracing::info_span;
 
 pub use exr::{ENCODING, Samples, save_values};
 pub use npy::{ElementField, npz_names, save_elements, save_words, split_member};
-pub use pixels::{Depth, Header, Image, ImageError};
+pub(crate) use pixels::is_finite;
+pub use pixels::{Depth, Header, Image, ImageError, NotFinite};
 
 /// Writes colours with alpha as a PNG file: 8 bits per channel, colours not multiplied by alpha.
 ///
@@ -115,20 +116,23 @@ impl Image {
         let Some(format) = Format::of(path) else {
             return Err(ImageError::new(path, "expected the extension .png, .exr or .npy"));
         };
-        self.save_as(format, path)
+        self.save_as(format, path).map(drop)
     }
 
-    /// Saves a picture in this format, whatever the file's extension. The path `-` is standard output.
+    /// Saves a picture in this format, whatever the file's extension. The path `-` is standard output. Returns the
+    /// number of pixels that the format cannot hold; `None` for formats that hold all floats.
     ///
     /// # Errors
     /// The file cannot be written. An existing file is then kept.
-    pub fn save_as(&self, format: Format, path: &Path) -> Result<(), ImageError> {
+    pub fn save_as(&self, format: Format, path: &Path) -> Result<Option<NotFinite>, ImageError> {
         let _span = info_span!("encode and write", path = %path.display()).entered();
-        Ok(output::write(path, |out| match format {
-            Format::Png => png::write(self, true, out),
+        let mut not_finite = None;
+        output::write(path, |out| match format {
+            Format::Png => png::write(self, true, out).map(|found| not_finite = Some(found)),
             Format::Exr => exr::write(self, out),
             Format::Npy => npy::write(self, out),
-        })?)
+        })?;
+        Ok(not_finite)
     }
 
     /// Saves values that are not colours, such as alpha, as a PNG file. Programs must not convert them as colours, so
@@ -138,7 +142,7 @@ impl Image {
     /// The file cannot be written. An existing file is then kept.
     pub fn save_png_of_data(&self, path: &Path) -> Result<(), ImageError> {
         let _span = info_span!("encode and write", path = %path.display()).entered();
-        Ok(output::write(path, |out| png::write(self, false, out))?)
+        Ok(output::write(path, |out| png::write(self, false, out).map(drop))?)
     }
 
     /// Encodes the picture as a PNG file, and returns its bytes.

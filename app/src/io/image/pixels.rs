@@ -1,7 +1,7 @@
 //! Defines pictures in memory, and the error and the limits that all readers of pictures share.
 
 use crate::io::output::OutputError;
-use splatgraph_assets::memory;
+use splatgraph_assets::{grouped, memory};
 use splatgraph_reference::metrics::{ImageRef, Rgb};
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -106,15 +106,42 @@ impl Image {
         Image { width: self.width, height: self.height, rgb }
     }
 
-    /// Converts every channel to 8 bits, as a screen shows it.
-    pub fn bytes(&self) -> Vec<u8> {
-        self.rgb.as_flattened().iter().map(|&value| level(value)).collect()
+    /// Converts every channel to 8 bits, as a screen shows it. Also counts the pixels that are not finite.
+    pub fn bytes(&self) -> (Vec<u8>, NotFinite) {
+        let (mut bytes, mut pixels) = (vec![0; 3 * self.rgb.len()], 0);
+        for (bytes, pixel) in bytes.chunks_exact_mut(3).zip(&self.rgb) {
+            bytes.copy_from_slice(&pixel.map(level));
+            pixels += usize::from(!is_finite(*pixel));
+        }
+        (bytes, NotFinite { pixels, of: self.rgb.len() })
     }
 
     /// Shrinks the picture to at most `width` columns, as [`Image::averaged`] does. Keeps the aspect ratio.
     pub fn reduced(&self, width: usize) -> Image {
         let width = width.min(self.width);
         self.averaged(width, (self.height * width).div_ceil(self.width))
+    }
+}
+
+/// The number of pixels with a channel that is NaN or infinite, which integers cannot hold.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct NotFinite {
+    /// Number of such pixels.
+    pub pixels: usize,
+    /// Number of all pixels.
+    pub of: usize,
+}
+
+impl NotFinite {
+    /// Describes the pixels of the picture `name` in a sentence; `None` without such pixels.
+    pub fn note(self, name: impl fmt::Display) -> Option<String> {
+        let (pixels, of) = (grouped(self.pixels as u64), grouped(self.of as u64));
+        (self.pixels > 0).then(|| {
+            format!(
+                "{name}: {pixels} of {of} pixels are NaN or infinite: the file has 0 for NaN, and 0 or 1 for infinity; .npy and \
+                 .exr keep the values"
+            )
+        })
     }
 }
 
@@ -191,6 +218,11 @@ pub(super) fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize,
         return Err(ImageError::new(path, text));
     }
     Ok((width as usize, height as usize))
+}
+
+/// Returns true unless a channel is NaN or infinite.
+pub(crate) fn is_finite(pixel: [f32; 3]) -> bool {
+    pixel.iter().all(|value| value.is_finite())
 }
 
 /// Converts a value to a byte: clamped to 0..1, scaled to 0..255, halves rounded up. NaN becomes 0.

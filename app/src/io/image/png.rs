@@ -1,14 +1,16 @@
 //! Reads and writes PNG files: 8 bits per channel when written, any colour type and depth when read.
 
-use super::pixels::{Header, Image, ImageError, check_size, open, room};
+use super::pixels::{Header, Image, ImageError, NotFinite, check_size, open, room};
 use crate::io::output::file::Cause;
 use std::fs::File;
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
-/// Writes a picture. The file declares sRGB only if its values are `colors`.
-pub(super) fn write(image: &Image, colors: bool, out: &mut dyn Write) -> Result<(), Cause> {
-    write_bytes((image.width, image.height), &image.bytes(), colors, out)
+/// Writes a picture, and counts its pixels that are not finite. The file declares sRGB only if its values are `colors`.
+pub(super) fn write(image: &Image, colors: bool, out: &mut dyn Write) -> Result<NotFinite, Cause> {
+    let (bytes, not_finite) = image.bytes();
+    write_bytes((image.width, image.height), &bytes, colors, out)?;
+    Ok(not_finite)
 }
 
 /// Writes the bytes of RGB, or of RGBA if there are four per pixel.
