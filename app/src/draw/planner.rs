@@ -301,6 +301,25 @@ impl Planner {
         self.files.find(from, name, kind).ok()
     }
 
+    /// Describes names of graphs to compare that stand for one file, or for a file that hides a built-in graph.
+    ///
+    /// Names without a file are left out.
+    pub fn compared(&mut self, names: &[&str]) -> Vec<String> {
+        let (mut known, mut found): (Vec<(FileId, &str)>, Vec<String>) = Default::default();
+        for name in names {
+            let Some(file) = self.file(None, name, Kind::Graph) else { continue };
+            let path = self.files.shown_path(file);
+            if self.files.hides_built_in(file, name) {
+                found.push(format!("`{name}` is {path}, which takes precedence over the built-in graph"));
+            }
+            match known.iter().find(|(other, _)| *other == file) {
+                Some((_, other)) => found.push(format!("`{other}` and `{name}` are one graph: {path}")),
+                None => known.push((file, name)),
+            }
+        }
+        found
+    }
+
     /// Returns the path of a file, as in [`PlainDiagnostic::file`], and its text.
     pub fn path_and_text(&self, file: FileId) -> (String, String) {
         (self.files.path(file).to_owned(), self.files.text(file).to_owned())

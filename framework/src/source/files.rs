@@ -258,11 +258,13 @@ impl SourceMap {
         known.any(|(identity, known)| *known == file && matches!(identity, Identity::BuiltIn(_)))
     }
 
-    /// Returns true if a built-in graph is called `name`, but [`SourceMap::find`] returned `file` for this name.
+    /// Returns true if a built-in graph is called `name`, but [`SourceMap::find`] returned `file` for this name, which
+    /// has another text.
     pub fn hides_built_in(&self, file: FileId, name: &str) -> bool {
-        let built_in = |path: String| self.library.builtin.iter().any(|(built_in, _)| *built_in == path);
-        let mut spellings = spellings(name, Kind::Graph).into_iter();
-        !self.is_built_in(file) && spellings.any(|name| built_in(joined(Kind::Graph.folder(), &name)))
+        let hides = |path: String| {
+            self.library.builtin.iter().any(|(built_in, text)| *built_in == path && *text != self.text(file))
+        };
+        spellings(name, Kind::Graph).into_iter().any(|name| hides(joined(Kind::Graph.folder(), &name)))
     }
 
     /// Returns the text of a file; empty for an invalid id. A byte order mark is removed only from files on disk.

@@ -171,6 +171,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let facts = facts::facts(&scene, &device.facts, size);
     let mut planner = Planner::default();
     planner.outputs.clone_from(&args.request);
+    if let Some(other) = args.diff.as_ref().filter(|_| args.set_b.is_empty()) {
+        planner.compared(&[&args.graph, other]).iter().for_each(say);
+    }
     let mut dump_of = |graph: &str, set: &[(String, String)]| -> Result<Dump> {
         let plan = planner.plan(graph, set, &facts, &catalog);
         let plan = plan.map_err(|errors| errors.with_device(&note))?;
