@@ -153,6 +153,31 @@ fn the_sort_alone_is_measured_and_what_does_not_fit_says_why() {
 }
 
 #[test]
+fn a_graph_whose_requirements_no_device_meets_is_a_row_and_two_names_of_one_file_are_told() {
+    let place = Place::new();
+    let (source, _) = place.said("source splat");
+    let none = source.replacen("require: [", "require: [(\"scene.count > 5000\", \"many splats\"), ", 1);
+    place.write("none.ron", &none);
+    place.write("pipelines/splat.ron", source.replace("summary: \"", "summary: \"Mine. "));
+    let line = format!("{SHORT} scene.ply --sizes 64x48 --json=found.json -p");
+    let (_, errors) = place.said(&format!("{line} none.ron,splat,pipelines/splat.ron"));
+    assert!(errors.contains("`splat` is pipelines/splat.ron, which takes precedence over"), "{errors}");
+    assert!(
+        errors.contains("`splat` and `pipelines/splat.ron` are one graph: pipelines/splat.ron"),
+        "{errors}"
+    );
+    let report = place.json("found.json");
+    let found: Vec<bool> = rows(&report).iter().map(|row| row["found"]["Ok"].is_object()).collect();
+    assert_eq!(found, [false, true, true]);
+    let (_, errors) = place.said("dump pipelines/splat.ron --diff splat");
+    assert!(errors.contains("are one graph") && errors.contains("takes precedence"), "{errors}");
+    let (_, errors) = place.said("dump splat --diff splat --set-b digit_bits=4");
+    assert!(errors.is_empty(), "{errors}");
+    place.fails(&format!("{line} none.ron"), 1);
+    assert!(place.json("found.json")["rows"][0]["found"]["Err"].is_string());
+}
+
+#[test]
 fn mistakes_are_told_before_anything_is_drawn_and_a_candidate_that_does_not_fit_is_a_row() {
     let place = Place::new();
     place.cameras(&["one"]);

@@ -19,6 +19,7 @@ use anyhow::{Result, bail};
 use serde::Serialize;
 use splatgraph_api::{Device, DeviceInfo};
 use splatgraph_assets::{Camera, SceneHeader};
+use splatgraph_framework::lower;
 use std::path::{Path, PathBuf};
 
 /// Measure the time and memory of graphs, pass by pass
@@ -149,7 +150,7 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
 /// Rejects graphs and parameters that are invalid both on this device and on the least capable supported one. Only the
 /// first scene and size are checked. Prints the settings without an effect.
 ///
-/// A graph that needs a feature of another device is not an error: it becomes a row with the reason.
+/// An unmet requirement is not an error: the graph becomes a row with the reason, and may suit another scene.
 fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
     let scene = match args.scenes.first().map(|scene| args.load.header(scene)).transpose()? {
         Some(SceneHeader { count, stored_degree }) => SceneFacts {
@@ -162,12 +163,21 @@ fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
     };
     let (catalog, mut planner) = (facts::nominal_catalog(), Planner::default());
     let size = args.sizes.first().copied().unwrap_or(facts::DEFAULT_SIZE);
+    if args.pipelines.len() > 1 {
+        let names: Vec<&str> = args.pipelines.iter().map(String::as_str).collect();
+        planner.compared(&names).iter().for_each(say);
+    }
     for pipeline in &args.pipelines {
         let mut controls = |device| {
             planner.controls(pipeline, &args.set, &facts::facts(&scene, device, size), &catalog).map(drop)
         };
         let portable = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
         if let (Err(errors), Err(_)) = (controls(&device.facts), controls(&portable)) {
+            let facts = facts::facts(&scene, &device.facts, size);
+            let standing = planner.ask((pipeline, &[]), &facts, &catalog, lower::standing);
+            if standing.is_ok_and(|standing| !standing.unmet.is_empty()) {
+                continue;
+            }
             return Err(errors.into());
         }
         if !args.set.is_empty() {
