@@ -151,9 +151,14 @@ fn losses_are_listed_for_each_scene_and_may_be_refused() {
     assert!(told.contains(&format!("  lost: short.ply: {after}")), "{told}");
     assert!(errors.contains(&format!("short.ply: not read: {after}")), "{errors}");
     assert!(told.contains(&format!("  lost: owned.ply: {words}")), "{told}");
-    let refused = place.fails("convert owned.ply strict.spz --strict", 1);
+    let refused = place.fails("convert owned.ply strict.spz --strict --json=refused.json", 1);
     assert!(refused.contains("expected no losses with --strict, found comments: "), "{refused}");
-    assert!(!place.at("strict.spz").exists());
+    let told = place.json("refused.json");
+    assert!(
+        !place.at("strict.spz").exists() && told["output"].is_null() && told["bytes"].is_null(),
+        "{told}"
+    );
+    assert_eq!(told["losses"], serde_json::json!([words.trim_end()]));
     place.done("convert scene.ply strict.spz --strict --degree 0");
     let losses = place.told("convert owned.ply out.spz --degree 0 --json");
     assert_eq!(losses["losses"], serde_json::json!([words.trim_end()]));

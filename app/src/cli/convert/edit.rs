@@ -259,12 +259,13 @@ impl EditArgs {
         !self.transform.is_empty()
     }
 
-    /// Copies the merged scene with all its splats, and applies `--transform`; `None` if no option selects splats.
+    /// Copies the merged scene with all its splats, and applies `--transform`. `None` if no option selects splats or
+    /// orders them, which changes the picture where depths are equal.
     ///
     /// # Errors
     /// The copy does not fit in memory.
     pub fn uncut(&self, merged: &Scene) -> Result<Option<Scene>> {
-        if !self.removes() {
+        if !self.removes() && self.order != "morton" {
             return Ok(None);
         }
         Ok(Some(match self.transform.is_empty() {
@@ -379,6 +380,15 @@ mod tests {
         assert!(loss.starts_with(&format!("--transform: {} splats dropped", 400 - left.count())), "{loss}");
         let keeps = |index: &usize| edit.keeps(&scene(), *index, left.offset());
         assert_eq!((0..400).filter(keeps).count(), left.count() as usize);
+    }
+
+    #[test]
+    fn the_scene_before_an_order_is_kept_to_compare_with() {
+        let scene = synth::generate("uniform", 400, 0).expect("a small scene");
+        let edit = |words: &[&str]| parsed::<EditArgs>([&["convert"], words].concat()).unwrap();
+        assert!(edit(&[]).uncut(&scene).unwrap().is_none());
+        let uncut = edit(&["--order", "morton"]).uncut(&scene).unwrap().expect("a copy");
+        assert!(uncut.positions() == scene.positions());
     }
 
     #[test]

@@ -176,7 +176,18 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     let mut lost = Losses::of(&originals, &scene, format);
     lost.losses.extend(transform_loss);
+    // `None` as the number of bytes: nothing was written.
+    let write_json = |bytes: Option<u64>| -> Result<()> {
+        let Some(file) = args.price.json() else { return Ok(()) };
+        let all = json!({
+            "command": options::command_line(), "scene": options::text_of(&args.input), "output": bytes.map(|_| options::text_of(output)),
+            "format": format.extension(), "splats": scene.count(), "original_splats": original_splats,
+            "bytes": bytes, "original_bytes": original_bytes, "dropped": dropped,
+        });
+        options::write_json(file, &options::with_fields(all, serde_json::to_value(&lost)?))
+    };
     if args.strict && !lost.losses.is_empty() {
+        write_json(None)?;
         bail!("expected no losses with --strict, found {}", lost.losses.join("; "));
     }
     let progress = Mutex::new(Progress::new(format!("writing {}", output.display())));
@@ -197,14 +208,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         blind::cut(&scene, &views).iter().for_each(say);
     }
 
-    if let Some(file) = args.price.json() {
-        let all = json!({
-            "command": options::command_line(), "scene": options::text_of(&args.input), "output": options::text_of(output),
-            "format": format.extension(), "splats": scene.count(), "original_splats": original_splats,
-            "bytes": bytes, "original_bytes": original_bytes, "dropped": dropped,
-        });
-        options::write_json(file, &options::with_fields(all, serde_json::to_value(&lost)?))?;
-    }
+    write_json(Some(bytes))?;
     let written = [Some(output), args.price.json(), args.write_cameras.as_deref()];
     let stdout = Stdout::of(written.into_iter().flatten());
     let before = originals[0].1;
