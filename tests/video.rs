@@ -210,6 +210,18 @@ fn a_path_through_cameras_with_one_lens_keeps_it_and_needs_a_graph_that_draws_it
     }
     let still = "render scene.ply -c lens.json#0 -o still.png --size=48x24";
     assert!(place.said(&format!("{still} -p equirectangular")).1.contains("panoramas are tilted by up to"));
+    // The graph of a panorama must sort by distance to draw the half behind the camera.
+    let half = format!("{still} -p tiled_cpu --set projection=equirectangular");
+    let note = "tiled_cpu: what is behind the camera is not drawn";
+    assert!(place.said(&half).1.contains(note));
+    let fisheye = "render scene.ply -p splat --set projection=fisheye --eye=0,-1,0 --target=0,-1,1 --size=32x32 -o still.png";
+    for (fov, is_told) in [(120, false), (200, true)] {
+        let (_, told) = place.said(&format!("{fisheye} --fov={fov}"));
+        assert_eq!(told.contains("splat: what is behind the camera is not drawn"), is_told, "{told}");
+    }
+    for chosen in ["--set key_of=distance", "--set key_of=depth"] {
+        assert!(!place.said(&format!("{half} {chosen}")).1.contains(note), "{chosen}");
+    }
     // Without a size, a panorama has the shape 2:1; without a target, it is level.
     place.done("video scene.ply --orbit=2 -p equirectangular -o round --write-cameras round.json");
     let camera = &place.json("round.json")[1];

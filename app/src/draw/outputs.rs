@@ -25,10 +25,11 @@ use crate::draw::session::{FrameOptions, PixelsError, Session, SessionError, ima
 use crate::io::image::{Format, Image, ImageError, Samples, save_rgba_png, save_values, save_words};
 use crate::io::output::OutputError;
 use splatgraph_api::Inspect;
-use splatgraph_assets::Camera;
+use splatgraph_assets::{Camera, NEAR, Projection};
 use splatgraph_framework::ir::{PassId, Value, Work};
 use splatgraph_framework::plan::Plan;
 use std::borrow::Cow;
+use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
 
 /// Names of the built-in graphs' outputs, each with a description.
@@ -113,6 +114,34 @@ pub fn distance_note<'a>(outputs: impl IntoIterator<Item = &'a str>, change: &st
             depths.join(", ")
         )
     })
+}
+
+/// Reports that a plan sorts by view depth and so leaves out what is behind a camera that shows it.
+///
+/// `None` if the settings choose the order.
+pub fn behind_note(plan: &Plan, set: &[(String, String)], camera: &Camera) -> Option<String> {
+    let by_depth = Value::Text("depth".into());
+    let leaves_out = plan.params.iter().any(|param| param.name == "key_of" && param.value == by_depth);
+    let asked = set.iter().any(|(name, _)| name == "key_of");
+    (leaves_out && !asked && shows_behind(camera)).then(|| {
+        format!(
+            "{}: what is behind the camera is not drawn, nor are splats at a view depth below {NEAR}; --set \
+             key_of=distance draws them",
+            plan.name
+        )
+    })
+}
+
+/// Returns true if a picture has directions of more than 90 degrees from the camera's axis.
+fn shows_behind(camera: &Camera) -> bool {
+    let [x, y] = camera.principal_point();
+    let across = x.max(f64::from(camera.width) - x) / camera.fx;
+    let down = y.max(f64::from(camera.height) - y) / camera.fy;
+    match camera.projection {
+        Projection::Equirectangular => true,
+        Projection::Fisheye => across.hypot(down) > FRAC_PI_2,
+        Projection::Pinhole | Projection::Orthographic => false,
+    }
 }
 
 /// Reports that outputs do not contain the mesh, for a picture that does. `None` without outputs.

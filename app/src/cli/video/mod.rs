@@ -16,7 +16,7 @@ use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
 use crate::draw::film::{self, DrawOptions, Drawn, Film, Motion};
 use crate::draw::fingerprint::fingerprint;
 use crate::draw::orbit::{self, Orbit};
-use crate::draw::outputs::{NAMES, RGBA};
+use crate::draw::outputs::{NAMES, RGBA, behind_note};
 use crate::draw::projection;
 use crate::draw::session::Session;
 use crate::io::film::{Format, Rate};
@@ -328,7 +328,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
             size.0, size.1, own.width, own.height
         ));
     }
-    cameras::tell_shape(&[first.projected(graph, session.scene())]);
+    let shown = first.projected(graph, session.scene());
+    cameras::tell_shape(std::slice::from_ref(&shown));
     let pinholes = keys.as_deref().is_some_and(|keys| keys.iter().all(|key| key.projection.is_pinhole()));
     if graph == Projection::Equirectangular && pinholes {
         cameras::tell_tilt(&cameras, session.scene().up());
@@ -336,6 +337,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     prepare_plan(&mut session, first)?;
     let note = session.background_note(args.background);
     let plan = session.plan().context("no plan after `prepare`")?;
+    behind_note(plan, &args.drawing.set, &shown).iter().for_each(say);
     let dependent = is_animated(plan).then(|| {
         format!("{}: each frame depends on those before it (a history, or `camera.frame`)", plan.name)
     });
