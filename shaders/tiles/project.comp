@@ -5,6 +5,7 @@
 #define LONG_SH
 #endif
 #if !SORTS_SPLATS
+#include "../reconverges.glsl"
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
@@ -133,7 +134,7 @@ layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth_of[]; 
 shared uint visible_count;
 shared uint start;
 
-void main() {
+void main() RECONVERGES {
     uint first = group_index() * BLOCK;
     uint thread = thread_index();
     uint i = first + thread;
@@ -153,8 +154,7 @@ void main() {
         // Unpacked, because a panorama's rectangle may wrap around the edge.
         pairs = bins_in(unpack_bins(splat_bins[thread]));
     }
-    // Invocations return from project_to_bins at different places. Below, exclusive_sum needs whole subgroups: that they reconverge at the
-    // barrier is relied on, not guaranteed.
+    // Invocations return from project_to_bins at different places. Below, exclusive_sum needs whole subgroups.
     barrier();
     if (pairs > 0u) {
         atomicAdd(visible_count, 1u);

@@ -7,12 +7,7 @@
 #extension GL_EXT_control_flow_attributes : require
 // Loops that a whole subgroup leaves at once contain loops that lanes leave one by one. Subgroup operations after the inner loops need all
 // lanes reconverged.
-#if DEVICE_SUBGROUP_UNIFORM_CONTROL_FLOW
-#extension GL_EXT_subgroup_uniform_control_flow : require
-#define RECONVERGES [[subgroup_uniform_control_flow]]
-#else
-#define RECONVERGES
-#endif
+#include "../reconverges.glsl"
 
 // Blends a segment of a bin's list, near to far. The workgroup takes the entries in chunks: each invocation loads a splat to
 // shared memory and notes the cells that it touches. Then the invocations that share a cell list the splats that touch it, and walk

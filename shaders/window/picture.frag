@@ -15,7 +15,8 @@ void main() {
     uvec2 at = uvec2(gl_FragCoord.xy) - window.view.xy;
     uint format = window.picture_a.z;
     uint stride = words_of(format);
-    uint pixel = (at.y - first_row) * window.picture_a.x + at.x;
+    // Clamped, because helper invocations lie beside the part.
+    uint pixel = min((at.y - first_row) * window.picture_a.x + at.x, uint(picture.length()) / stride - 1u);
     uvec3 read = uvec3(0u);
     // A loop, because CPU drivers execute all branches of a condition, but no loop iteration that no lane needs.
     for (uint i = 0u; i < min(stride, 3u); i++) {

@@ -9,6 +9,7 @@
 //! [`Gpu::Synchronization`], which [`Encoder::synchronize`] records pass by pass. In Metal, they are fences and
 //! barriers of Metal's encoders, and are created with the pipelines; [`Encoder::pass`] announces the next pass.
 
+use crate::check::within_bytes;
 use crate::limits::Limits;
 use crate::messages::Messages;
 use raw_window_handle::{HasDisplayHandle, HasWindowHandle};
@@ -393,7 +394,11 @@ impl<G: Gpu> Buffer<G> {
     }
 
     /// Creates a mapped buffer that copies write and the host reads.
+    ///
+    /// # Errors
+    /// The buffer exceeds the device's largest, or there is no memory for it.
     pub(crate) fn to_host(gpu: &Arc<G>, name: &str, bytes: u64) -> Result<Self, BackendError> {
+        within_bytes(|| format!("the size of buffer `{name}`"), bytes, gpu.common().limits.max_buffer_bytes)?;
         Self::new(gpu, &BufferDesc { name, bytes, usage: Usage::COPY_TARGET }, Location::Readback)
     }
 

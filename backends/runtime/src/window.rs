@@ -178,12 +178,16 @@ impl<G: Gpu> Swapchain<G> {
             self.gpu.renew_surface()?;
             self.surface_lost = false;
         }
-        let Some(size) = self.gpu.window_size(self.wanted_size)? else { return Ok(()) };
+        if self.gpu.window_size(self.wanted_size)?.is_none() {
+            return Ok(());
+        }
         // The device must be idle when the old swapchain is destroyed. While it is busy for long, frames are drawn and
         // not shown.
         if !self.gpu.wait_idle(PATIENCE) {
             return Ok(());
         }
+        // The window may have another size by now, and a swapchain of an older one is invalid.
+        let Some(size) = self.gpu.window_size(self.wanted_size)? else { return Ok(()) };
         // The old swapchain is unusable after this, even if creating a new one fails.
         let former = self.raw.take();
         self.raw = Some(G::Swapchain::new(&self.gpu, size, self.vsync, former.as_ref())?);

@@ -39,6 +39,8 @@ pub struct Compiled {
 }
 
 /// A compiler of shaders, with a cache of the results.
+///
+/// `reflect` (feature `reflect`) reads the reflection of [`Compiled`] from SPIR-V.
 pub trait ShaderCompiler {
     /// Returns a compiled shader, from the cache if possible. Fails with at least one diagnostic.
     fn compile(

@@ -6,10 +6,10 @@
 #[cfg(feature = "glslang")]
 mod compile;
 mod compiler;
-#[cfg(feature = "glslang")]
+#[cfg(feature = "reflect")]
 mod reflect;
 #[cfg(feature = "glslang")]
 pub use compile::{Glslang, Limits, Worker, serve_if_asked};
 pub use compiler::{CANCELLED, Cancel, Compiled, ShaderCompiler, ShaderRequest, SpirvStore};
-#[cfg(feature = "glslang")]
+#[cfg(feature = "reflect")]
 pub use reflect::reflect;

@@ -82,6 +82,7 @@ pub fn draw(
         let request = FrameOptions {
             background: args.background,
             read_output: read_output && last,
+            live: Vec::new(),
             inspect: asked.iter().map(|&i| targets[i]).chain(outputs_of(last)).collect(),
             untimed_passes: may_omit && warm && !first && counted <= args.repeat - profiled,
             warm_up: !warm,

@@ -8,7 +8,8 @@ use crate::draw::projection;
 use crate::io::timeline;
 use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, FrameResult, Recovery};
 use splatgraph_assets::Camera;
-use splatgraph_framework::ir::Run;
+use splatgraph_framework::ir::{ParamBinding, Run};
+use splatgraph_framework::lower::parse_value;
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -42,8 +43,8 @@ impl Session {
     /// [`Session::wait`] returns their results and errors.
     ///
     /// # Errors
-    /// The camera has another size than the prepared one or, unless it is a pinhole, another projection than the graph;
-    /// no plan is prepared; or the device fails.
+    /// The camera is unusable, has another size than the prepared one or, unless it is a pinhole, another projection
+    /// than the graph; a value of [`FrameOptions::live`] does not fit; no plan is prepared; or the device fails.
     pub fn submit(&mut self, camera: &Camera, request: &FrameOptions) -> Result<FrameId, SessionError> {
         // The histories are saved before one frame only: the last.
         if self.plan().is_some_and(saves_histories) {
@@ -72,10 +73,13 @@ impl Session {
         if *size != found {
             return Err(SessionError::OtherSize { prepared: *size, found });
         }
+        if let Some(fault) = camera.fault() {
+            return Err(SessionError::Camera(fault));
+        }
         let camera = projection::convert(&camera, projection::of_params(&plan.params), &self.scene)?;
         let inputs = FrameInputs {
             uniforms: camera::frame_uniforms(&camera, &self.scene.bounds(), request.background, number),
-            live: plan.live_bytes(),
+            live: live_bytes(plan, &request.live)?,
             read_output: request.read_output,
             inspect: request.inspect.clone(),
             untimed_passes: request.untimed_passes,
@@ -100,6 +104,7 @@ impl Session {
     /// - The device fails.
     /// - The frame needs more capacity than a parameter's range or the device allows. The plan stays unchanged.
     /// - The frame must be repeated, but the larger plan lacks an inspected resource or pass.
+    /// - The frame has no result: it was taken, or 64 later frames were completed.
     pub fn wait(&mut self, frame: FrameId) -> Result<FrameResult, SessionError> {
         match self.finished.remove(&frame) {
             Some(result) => result,
@@ -107,10 +112,35 @@ impl Session {
         }
     }
 
+    /// Takes the results of a frame if it has completed, else returns `None`.
+    ///
+    /// Blocks only if the frame must be repeated with more capacity.
+    ///
+    /// # Errors
+    /// See [`Session::wait`].
+    pub fn try_wait(&mut self, frame: FrameId) -> Result<Option<FrameResult>, SessionError> {
+        if let Some(result) = self.finished.remove(&frame) {
+            return result.map(Some);
+        }
+        let Some(result) = self.device.try_wait(frame)? else { return Ok(None) };
+        let plan = self.plan_of_frame(frame);
+        self.landed(frame, &result, plan.as_deref());
+        self.complete(frame, result).map(Some)
+    }
+
     fn finish(&mut self, frame: FrameId) -> Result<FrameResult, SessionError> {
+        let plan = self.plan_of_frame(frame);
+        let result = self.land(frame, plan.as_deref())?;
+        self.complete(frame, result)
+    }
+
+    fn plan_of_frame(&self, frame: FrameId) -> Option<Arc<Plan>> {
         let flight = self.flying.iter().find(|flight| flight.id == frame);
-        let plan = flight.map(|flight| &flight.plan).or(self.loaded.as_ref().map(|(plan, _)| plan)).cloned();
-        let mut result = self.land(frame, plan.as_deref())?;
+        flight.map(|flight| &flight.plan).or(self.loaded.as_ref().map(|(plan, _)| plan)).cloned()
+    }
+
+    /// Repeats a frame with more capacity until its result is complete.
+    fn complete(&mut self, frame: FrameId, mut result: FrameResult) -> Result<FrameResult, SessionError> {
         let Some(index) = self.flying.iter().position(|flight| flight.id == frame) else { return Ok(result) };
         let mut drawn = self.flying.remove(index);
         loop {
@@ -142,6 +172,11 @@ impl Session {
     /// Waits for a frame. If its plan is given, adds the frame to the timeline.
     fn land(&mut self, id: FrameId, plan: Option<&Plan>) -> Result<FrameResult, BackendError> {
         let result = info_span!("wait for a frame").in_scope(|| self.device.wait(id))?;
+        self.landed(id, &result, plan);
+        Ok(result)
+    }
+
+    fn landed(&mut self, id: FrameId, result: &FrameResult, plan: Option<&Plan>) {
         self.completed = Some(Instant::now());
         if let Some(plan) = plan {
             timeline::completed(id.0, |submission, seen| timeline::Frame {
@@ -150,10 +185,9 @@ impl Session {
                 seen,
                 start_ms: result.start_ms,
                 total_ms: result.total_ms,
-                passes: timed(plan, &result),
+                passes: timed(plan, result),
             });
         }
-        Ok(result)
     }
 
     /// Loads a plan with capacity for an overflowed frame, unless the current plan already has it.
@@ -205,6 +239,24 @@ impl Session {
         }
         self.fly(camera, request, number)
     }
+}
+
+/// Encodes the live parameters of a frame: the plan's values, and `values` in place of some.
+fn live_bytes(plan: &Plan, values: &[(String, String)]) -> Result<Vec<u8>, SessionError> {
+    if values.is_empty() {
+        return Ok(plan.live_bytes());
+    }
+    let mut params = plan.params.clone();
+    for (name, text) in values {
+        let found = params.iter_mut().find(|param| param.name == *name);
+        let live = found.filter(|param| matches!(param.binding, ParamBinding::Live { .. }));
+        let param = live.ok_or_else(|| {
+            SessionError::Live(format!("expected a live parameter of `{}`, found `{name}`", plan.name))
+        })?;
+        let parsed = parse_value(text, &param.domain);
+        param.value = parsed.map_err(|why| SessionError::Live(format!("`{name}` = `{text}`: {why}")))?;
+    }
+    Ok(plan.live_bytes_of(&params))
 }
 
 /// Returns true if frames of the plan may have to be repeated with more capacity.

@@ -28,6 +28,7 @@ use splatgraph_framework::ir::{Fallback, Source};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
+use splatgraph_framework::shader::Cancel;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::sync::Arc;
@@ -77,6 +78,12 @@ pub enum SessionError {
         /// Width and height of the camera.
         found: (u32, u32),
     },
+    /// The camera is unusable; see [`Camera::fault`].
+    #[error("{0}")]
+    Camera(String),
+    /// A value in [`FrameOptions::live`] has no live parameter, or is not in its range.
+    #[error("{0}")]
+    Live(String),
     /// A frame needs more capacity than the parameter's range allows.
     #[error(
         "expected a frame that needs at most {most} {parameter}, the end of the parameter's range, found one that needs {needed}"
@@ -141,6 +148,8 @@ pub struct Session {
     growths: u32,
     /// Time at which the last frame was known to be complete; `None` before the first.
     completed: Option<Instant>,
+    /// Cancels builds and loads; see [`Session::set_cancel`].
+    cancel: Cancel,
 }
 
 /// A submitted frame without a result yet.
@@ -160,6 +169,8 @@ pub struct FrameOptions {
     pub background: [f32; 3],
     /// True to read back the picture.
     pub read_output: bool,
+    /// Values of live parameters in this frame, as texts; the others have the plan's values.
+    pub live: Vec<(String, String)>,
     /// Resources to read back, each after a pass.
     pub inspect: Vec<Inspect>,
     /// True to omit the timestamps of passes; see [`untimed_passes`](splatgraph_api::FrameInputs::untimed_passes).
@@ -195,7 +206,13 @@ impl Session {
             finished: BTreeMap::new(),
             growths: 0,
             completed: None,
+            cancel: Cancel::default(),
         }
+    }
+
+    /// Gives a new session its planner: with its own settings, or with texts in place of files.
+    pub fn with_planner(self, planner: Planner) -> Session {
+        Session { planner, ..self }
     }
 
     /// Gives a new session its first plan, which [`Session::prepare`] only loads if the size is the plan's.
@@ -254,7 +271,7 @@ impl Session {
     /// Changes the graph and its parameters from the next [`Session::prepare`].
     ///
     /// Discards the plan and frames in flight, and resets growing parameters to their defaults, so that a measurement
-    /// does not depend on earlier ones.
+    /// does not depend on earlier ones. Files that were read before are not read again; see [`Session::forget_files`].
     pub fn set_graph(&mut self, pipeline: &str, set: &[(String, String)]) {
         self.pipeline = pipeline.to_owned();
         self.set = set.to_vec();
@@ -273,15 +290,17 @@ impl Session {
     }
 
     /// Changes the graph like [`Session::set_graph`], after checking it and its parameters for pictures of this size.
+    /// Reads its files again.
     ///
     /// # Errors
-    /// The graph cannot be read, a value is invalid, or a requirement is not met. The session is then unchanged.
+    /// The graph cannot be read, a value is invalid, or a requirement is not met. The loaded plan then stays.
     pub fn change_graph(
         &mut self,
         pipeline: &str,
         set: &[(String, String)],
         size: (u32, u32),
     ) -> Result<(), SessionError> {
+        self.planner.forget_files();
         self.controls_of(pipeline, set, size)?;
         self.set_graph(pipeline, set);
         Ok(())
@@ -294,6 +313,18 @@ impl Session {
         self.scene = scene.into();
         self.forget_plan();
         self.planner.capacities = Capacities::default();
+    }
+
+    /// Reads graphs and shaders again from the next [`Session::prepare`]. Discards the plan and frames in flight.
+    pub fn forget_files(&mut self) {
+        self.planner.forget_files();
+        self.forget_plan();
+    }
+
+    /// Sets the token that cancels later builds and loads. They fail soon after another thread has set it.
+    pub fn set_cancel(&mut self, cancel: Cancel) {
+        self.planner.set_cancel(cancel.clone());
+        self.cancel = cancel;
     }
 
     fn forget_plan(&mut self) {
@@ -382,6 +413,9 @@ impl Session {
     }
 
     /// Returns the device, with the loaded plan.
+    ///
+    /// Take the results of a session's frames with [`Session::wait`] or [`Session::try_wait`], not from the device:
+    /// incomplete frames would not be noticed.
     pub fn device(&mut self) -> &mut Backend {
         &mut self.device
     }
@@ -489,7 +523,7 @@ impl Session {
             Fallback::lacking(&plan.fallbacks).for_each(say);
         }
         info_span!("load the plan").in_scope(|| {
-            let loader = self.device.loader();
+            let loader = self.device.loader().cancelled_by(self.cancel.clone());
             let loader = match former {
                 Former::Nothing => loader.clearing_histories(),
                 Former::Histories => loader,

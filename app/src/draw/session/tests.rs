@@ -204,3 +204,77 @@ fn errors_of_a_graph_spare_the_device_also_without_splats() {
     let error = session.prepare(SIZE, &mut |_| {}).unwrap_err();
     assert!(matches!(error, SessionError::NoSplats { .. }) && error.spares_device(), "{error}");
 }
+
+#[test]
+fn a_frame_that_is_polled_is_repeated_like_one_that_is_waited_for() {
+    let (mut session, _, camera) = session(300, Config::default());
+    let frame = session.submit(&camera, &FrameOptions::default()).expect("submitted");
+    let result = loop {
+        if let Some(result) = session.try_wait(frame).unwrap_or_else(|error| panic!("{error}")) {
+            break result;
+        }
+    };
+    assert_eq!(result.stats, [("entries_needed".to_owned(), 300)]);
+    assert_eq!((entries(&session), session.growths()), (Value::Int(375), 1));
+    assert!(session.try_wait(frame).is_err(), "the result was taken");
+}
+
+#[test]
+fn a_cancelled_session_builds_and_loads_nothing() {
+    let (mut session, _, _) = session(1, Config::default());
+    session.set_cancel(Cancel::new(|| true));
+    assert!(session.prepare((64, 32), &mut |_| {}).is_err());
+    session.set_cancel(Cancel::default());
+    session.prepare((64, 32), &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
+}
+
+#[test]
+fn unusable_cameras_and_values_that_do_not_fit_are_errors() {
+    let (mut session, _, camera) = session(1, Config::default());
+    let error = |session: &mut Session, camera: &Camera, live: &[(&str, &str)]| {
+        let live = live.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
+        let submitted = session.submit(camera, &FrameOptions { live, ..FrameOptions::default() });
+        submitted.map(drop).map_err(|error| error.to_string())
+    };
+    let flat = Camera { fx: 0.0, ..camera.clone() };
+    assert_eq!(error(&mut session, &flat, &[]), Err("expected a positive fx, found 0".into()));
+    let not_live = format!("expected a live parameter of `{GRAPH}`, found `entries`");
+    assert_eq!(error(&mut session, &camera, &[("entries", "200")]), Err(not_live));
+    session.set_graph("splat", &[]);
+    session.prepare(SIZE, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(error(&mut session, &camera, &[("alpha_cap", "0.5")]), Ok(()));
+    assert_eq!(
+        error(&mut session, &camera, &[("alpha_cap", "2")]),
+        Err("`alpha_cap` = `2`: 2.0 is not in 0.5 to 1.0".into())
+    );
+}
+
+#[test]
+fn an_edited_graph_is_read_again_by_a_change_of_graph_and_on_request() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let from = std::path::Path::new(GRAPH).parent().expect("a folder");
+    for entry in std::fs::read_dir(from).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        std::fs::copy(&path, folder.path().join(path.file_name().expect("a name"))).expect("copied");
+    }
+    let path = folder.path().join("graph.ron");
+    let graph = path.to_string_lossy().into_owned();
+    let (mut session, _, _) = session(1, Config::default());
+    let edit = |from: &str, to: &str| {
+        let text = std::fs::read_to_string(&path).expect("a graph");
+        assert!(text.contains(from), "{text}");
+        std::fs::write(&path, text.replace(from, to)).expect("written");
+    };
+    let mut prepared = |change: &dyn Fn(&mut Session)| {
+        change(&mut session);
+        session.prepare(SIZE, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
+        entries(&session)
+    };
+    assert_eq!(prepared(&|session| session.set_graph(&graph, &[])), Value::Int(100));
+    edit("default: 100", "default: 150");
+    assert_eq!(prepared(&|session| session.set_graph(&graph, &[])), Value::Int(100));
+    assert_eq!(prepared(&Session::forget_files), Value::Int(150));
+    edit("default: 150", "default: 250");
+    let change = |session: &mut Session| session.change_graph(&graph, &[], SIZE).expect("a sound graph");
+    assert_eq!(prepared(&change), Value::Int(250));
+}

@@ -154,8 +154,8 @@ fn check(fault: Fault, outcome: &Outcome, sound: &Outcome) {
         | Point::PresentSuboptimal
         | Point::PresentLost
         | Point::LateSubmit => None,
-        // A lost surface is recreated, except while the device is being opened.
-        Point::Surface if fault.after > 0 => None,
+        // A lost surface is recreated, except while the device is being opened, which queries it twice.
+        Point::Surface if fault.after > 1 => None,
         Point::Submit | Point::Execute | Point::Present => Some(Recovery::DeviceEnded),
         Point::Hang | Point::Compile => Some(Recovery::Retry),
         Point::Allocate | Point::Create | Point::Wait | Point::Surface => Some(Recovery::User),

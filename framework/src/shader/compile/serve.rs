@@ -1,6 +1,7 @@
 //! Implements the worker's side of [`super::worker`]: a loop over compilations, and a thread that enforces the limits.
 
 use std::io::{self, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread;
 use std::time::Duration;
@@ -18,11 +19,20 @@ const BESIDES: u64 = 1 << 30;
 /// Interval at which memory and time are checked during a compilation.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
+/// True once the process has called [`serve_if_asked`].
+static ASKED: AtomicBool = AtomicBool::new(false);
+
+/// Returns true if the process has called [`serve_if_asked`], and was not started as a worker.
+pub(super) fn was_asked() -> bool {
+    ASKED.load(Ordering::Relaxed)
+}
+
 /// Serves as the compiler of a [`Worker`](super::Worker) and then exits, if this process was started as a worker.
 /// Otherwise returns at once.
 ///
 /// A program that serves as its own worker must call this at the start of `main`.
 pub fn serve_if_asked() {
+    ASKED.store(true, Ordering::Relaxed);
     let Ok(Ok(limits)) = std::env::var(VARIABLE).map(|text| serde_json::from_str::<Limits>(&text)) else {
         return;
     };

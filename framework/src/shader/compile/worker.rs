@@ -77,9 +77,16 @@ impl Worker {
         Worker { program: program.into(), arguments: Vec::new(), limits: Limits::default() }
     }
 
-    /// Selects the running program as the compiler. On Linux, this works even if its file has been replaced. Fails if
-    /// the program's path cannot be determined.
+    /// Selects the running program as the compiler. On Linux, this works even if its file has been replaced.
+    ///
+    /// # Errors
+    /// The program has not called [`serve_if_asked`](super::serve_if_asked): it would start itself instead of a
+    /// compiler, so a plug-in needs another program. Or the program's path cannot be determined.
     pub fn this_program() -> io::Result<Worker> {
+        if !super::serve::was_asked() {
+            let text = format!("expected a program that calls {SERVE} first, found none; use `Worker::new`");
+            return Err(io::Error::new(io::ErrorKind::Unsupported, text));
+        }
         let itself = PathBuf::from("/proc/self/exe");
         if cfg!(target_os = "linux") && itself.exists() {
             return Ok(Worker::new(itself));

@@ -7,7 +7,7 @@
 mod access;
 mod features;
 mod module;
-#[cfg(test)]
+#[cfg(all(test, feature = "glslang"))]
 mod tests;
 mod words;
 
