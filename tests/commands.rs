@@ -62,7 +62,7 @@ fn a_scene_is_drawn_from_every_camera_with_statistics_and_sorted_keys() {
 
 #[test]
 fn pixels_that_a_file_cannot_hold_are_counted() {
-    let place = Place::new();
+    let place = Place::demo(50);
     place.write(
         "nan.comp",
         "#version 460\nlayout(local_size_x = 64) in;\n\

@@ -91,7 +91,7 @@ impl Place {
         place
     }
 
-    /// Writes `mean.ron`, which averages the pictures of `auto` over frames, and `again.ron`, a preset that is equal to it.
+    /// Writes `mean.ron`, which averages the pictures of `auto` over frames, and `again.ron`, an equal preset.
     pub fn average(&self) {
         let bind = r#"{ "picture": "scene.picture", "mean": "mean", "shown": "shown" }"#;
         let size = r#"size: ("viewport.width", "viewport.height")"#;

@@ -31,8 +31,8 @@ use std::path::{Path, PathBuf};
 /// Measure what each setting saves and what it costs in accuracy
 ///
 /// Draws the scene with every parameter at its exact value, then with one parameter changed at a time, with the graph's
-/// defaults, and with every built-in graph. Each picture is compared with the truth: the exact renderer's picture (`render
-/// --backend reference`), or a picture of --truth. Frames are interleaved with frames of the exact settings, so that a
+/// defaults, and with every built-in graph. Each picture is compared with the truth: the exact renderer's picture
+/// (`render --backend reference`), or a picture of --truth. Frames are interleaved with frames of the exact settings, so that a
 /// change of the device's clock affects both. A parameter whose declaration has no `exact` value keeps its default,
 /// unless --only names it: its default then counts as exact. A parameter without an effect on the plan of the exact
 /// settings is not measured. A setting whose plan equals an earlier one is not measured either.

@@ -1,8 +1,8 @@
 //! Defines the subject of studies, the listener that follows them, and their error.
 //!
 //! Most studies are a function `study`: it takes a [`Subject`], a request, and a [`Listener`], and returns its numbers.
-//! Studies print the progress of exact pictures, and warnings about the plans of their sessions. Only `trade` writes files: its ledger and the pictures
-//! beside it.
+//! Studies print the progress of exact pictures, and warnings about the plans of their sessions. Only `trade` writes
+//! files: its ledger and the pictures beside it.
 
 use crate::draw::backend::Backend;
 use crate::draw::blind;

@@ -9,9 +9,9 @@ use crate::draw::fit::Target;
 use crate::draw::planner::Planner;
 use crate::io::load::LoadOptions;
 use crate::io::output::{OutputGuard, say};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::ValueEnum;
-use splatgraph_framework::dump::{self, Dump};
+use splatgraph_framework::dump::{self, DUMP_VERSION, Dump};
 use std::path::{Path, PathBuf};
 
 mod times;
@@ -32,6 +32,7 @@ Two plans side by side:
   splatgraph dump splat --diff digit4                      # two graphs
   splatgraph dump splat --diff splat --set-b digit_bits=4  # one graph with two values of a parameter
   splatgraph dump splat --diff key16 --set cutoff=3 --format json
+  splatgraph dump mine.ron -o before.json; splatgraph dump mine.ron --diff before.json   # before and after an edit
 
 On Apple's GPUs:
   splatgraph dump digit4 --backend metal                   # encoders, fences and barriers, beside Vulkan's";
@@ -53,8 +54,8 @@ pub struct Args {
     /// Request an output of the graph besides its picture, such as `depth`; may be repeated
     #[arg(long, value_name = "NAME")]
     request: Vec<String>,
-    /// Compare with the plan of this graph (b), and show what is added, removed and changed
-    #[arg(long, value_name = "NAME", conflicts_with = "times")]
+    /// Compare with the plan of this graph, or with a saved dump (b), and show what is added, removed and changed
+    #[arg(long, value_name = "NAME|FILE.json", conflicts_with = "times")]
     diff: Option<String>,
     /// Set a parameter of the graph of --diff, after --set; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, requires = "diff")]
@@ -152,6 +153,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if args.diff.is_some() && matches!(format, Form::Dot | Form::Html) {
         return Err(Usage("expected --format text or json with --diff; leave out one of them".into()).into());
     }
+    let saved = args.diff.as_deref().filter(|name| name.ends_with(".json"));
+    if saved.is_some() && !args.set_b.is_empty() {
+        return Err(Usage("expected a graph for --diff with --set-b, found a saved dump".into()).into());
+    }
+    let saved = saved.map(saved_dump).transpose()?;
     if args.backend == Api::Metal && matches!(format, Form::Dot | Form::Html) {
         return Err(Usage(
             "expected --format text or json with --backend metal; leave out one of them".into(),
@@ -171,7 +177,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let facts = facts::facts(&scene, &device.facts, size);
     let mut planner = Planner::default();
     planner.outputs.clone_from(&args.request);
-    if let Some(other) = args.diff.as_ref().filter(|_| args.set_b.is_empty()) {
+    if let Some(other) = args.diff.as_ref().filter(|_| args.set_b.is_empty() && saved.is_none()) {
         planner.compared(&[&args.graph, other]).iter().for_each(say);
     }
     let mut dump_of = |graph: &str, set: &[(String, String)]| -> Result<Dump> {
@@ -185,7 +191,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     let mut a = dump_of(&args.graph, &args.set)?;
     let text = if let Some(other) = &args.diff {
-        let b = dump_of(other, &[args.set.as_slice(), args.set_b.as_slice()].concat())?;
+        let b = match saved {
+            Some(saved) => saved,
+            None => dump_of(other, &[args.set.as_slice(), args.set_b.as_slice()].concat())?,
+        };
         let diff = dump::diff(&a, &b);
         match format {
             Form::Json => format!("{:#}\n", serde_json::to_value(&diff)?),
@@ -206,6 +215,20 @@ pub fn run(args: &Args) -> Result<Outcome> {
     claim_graph_files(&mut guard, &planner.wanted())?;
     options::write_text(args.output.as_deref(), &text)?;
     Ok(Outcome::Done)
+}
+
+/// Reads a dump that `dump --format json` wrote.
+fn saved_dump(file: &str) -> Result<Dump> {
+    let text = std::fs::read_to_string(file).with_context(|| format!("{file} cannot be read"))?;
+    let dump: Dump = serde_json::from_str(&text)
+        .with_context(|| format!("{file}: expected a dump in JSON (`splatgraph dump -o {file}`)"))?;
+    if dump.version != DUMP_VERSION {
+        anyhow::bail!(
+            "{file}: expected a dump of version {DUMP_VERSION}, found one of version {}",
+            dump.version
+        );
+    }
+    Ok(dump)
 }
 
 /// Adds GPU times to a dump. Fails if no time belongs to a pass of the plan.
@@ -280,6 +303,25 @@ mod tests {
         assert_eq!((&same["passes"]["changed"], &same["parameters"]), (&json!([]), &json!([])));
         let text = dumped(folder.path(), "splat --diff digit4").expect("both have plans");
         assert!(text.contains("only in b (12): order.sort.histogram[4..7]"), "{text}");
+    }
+
+    #[test]
+    fn a_saved_dump_compares_like_its_graph() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let saved = folder.path().join("before.json");
+        let saved = saved.to_str().expect("a name");
+        dumped_as(folder.path(), "before.json", "digit4").expect("it has a plan");
+        let compared = |words: &str| dumped(folder.path(), words).map_err(|error| error.to_string());
+        assert_eq!(compared(&format!("splat --diff {saved}")), compared("splat --diff digit4"));
+        let error = compared(&format!("splat --diff {saved} --set-b digit_bits=4")).unwrap_err();
+        assert!(error.contains("expected a graph for --diff with --set-b"), "{error}");
+        let former =
+            std::fs::read_to_string(saved).expect("JSON").replace("\"version\": 4", "\"version\": 3");
+        std::fs::write(saved, former).expect("written");
+        let error = compared(&format!("splat --diff {saved}")).unwrap_err();
+        assert!(error.contains("expected a dump of version 4, found one of version 3"), "{error}");
+        std::fs::write(saved, "{}").expect("written");
+        assert!(compared(&format!("splat --diff {saved}")).unwrap_err().contains("expected a dump in JSON"));
     }
 
     #[test]

@@ -62,8 +62,8 @@ pub struct Args {
     /// Renderer: `vulkan`, `metal` (on Apple's systems), or `reference`, the exact renderer on the CPU
     #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()), value_parser = renderer)]
     pub backend: Renderer,
-    /// Frames to draw of each view, from empty histories; the last is scored [default: 2 if the graph reads the previous
-    /// frame, otherwise 1]
+    /// Frames to draw of each view, from empty histories; the last is scored [default: 2 if the graph reads the
+    /// previous frame, otherwise 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub repeat: Option<u32>,
     /// Background colour, display-encoded: 0 is black, 1 is white, also behind photographs with alpha

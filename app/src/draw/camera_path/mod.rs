@@ -2,7 +2,8 @@
 //!
 //! A [`CameraPath`] is a list of cameras, its keys, and a duration. [`CameraPath::at`] computes the camera at a time:
 //! it passes through every key without a kink, and its speed is constant. The speed includes translation, rotation and
-//! zoom, so that a rotation in place also takes time. Between level keys, it stays level. [`Playback`] is the state of a player.
+//! zoom, so that a rotation in place also takes time. Between level keys, it stays level. [`Playback`] is the state of
+//! a player.
 //!
 //! Keys are in the world's coordinates, and a path is saved as a `cameras.json` of its keys. Consecutive equal keys
 //! count as one. The path has the projection that all keys share; with several projections, its cameras are pinholes.

@@ -66,6 +66,7 @@ pub(super) fn only_type(channels: &[Channel]) -> Option<ReadAs> {
 /// Joins the components of vectors to fields of a structured array.
 pub(super) fn fields(channels: &[Channel]) -> Vec<ElementField> {
     let mut fields: Vec<ElementField> = Vec::new();
+    let mut firsts = Vec::new();
     for channel in channels {
         let split = channel.name.rsplit_once('.').filter(|(_, part)| ["x", "y", "z", "w"].contains(part));
         let name = split.map_or(channel.name.as_str(), |(vector, _)| vector);
@@ -77,8 +78,15 @@ pub(super) fn fields(channels: &[Channel]) -> Vec<ElementField> {
         };
         match fields.last_mut().filter(|last| last.kind == kind && last.name == name) {
             Some(last) => last.words += 1,
-            None => fields.push(ElementField { name: name.into(), kind, words: 1 }),
+            None => {
+                fields.push(ElementField { name: name.into(), kind, words: 1 });
+                firsts.push(channel.name.as_str());
+            }
         }
+    }
+    // A struct can have members `x` and `y` of different types.
+    for (field, first) in fields.iter_mut().zip(firsts).filter(|(field, _)| field.words == 1) {
+        field.name = first.into();
     }
     fields
 }

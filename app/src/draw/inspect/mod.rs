@@ -551,20 +551,14 @@ mod tests {
     #[test]
     fn components_of_vectors_are_one_field() {
         use ReadAs::{Float, Uint};
-        let names = [
-            ("s.a.x", Float),
-            ("s.a.y", Float),
-            ("s.n", Uint),
-            ("", Uint),
-            ("b[0].x", Uint),
-            ("b[1].x", Uint),
-        ];
+        let names =
+            [("s.a.x", Float), ("s.a.y", Float), ("s.n", Uint), ("", Uint), ("b.x", Uint), ("b.y", Float)];
         let channels = names.map(|(name, read)| Channel { name: name.into(), read });
         let fields = declared::fields(&channels);
         let found: Vec<_> = fields.iter().map(|field| (&*field.name, field.kind, field.words)).collect();
         assert_eq!(
             found,
-            [("s.a", "<f", 2), ("s.n", "<u", 1), ("", "|V", 1), ("b[0]", "<u", 1), ("b[1]", "<u", 1)]
+            [("s.a", "<f", 2), ("s.n", "<u", 1), ("", "|V", 1), ("b.x", "<u", 1), ("b.y", "<f", 1)]
         );
     }
 }

@@ -64,9 +64,9 @@ pub fn list(pipeline: &str, controls: &[Control], presets: &[&str]) -> Vec<Setti
     all
 }
 
-/// Adds the setting `NAME = VALUE` after the others of this parameter, unless it is there, or `set` fixes the parameter.
+/// Adds the setting `NAME = VALUE` after the others of this parameter.
 ///
-/// Other texts, and parameters that the exact settings lack, add nothing.
+/// Adds nothing if it is there, if `set` fixes the parameter, if the exact settings lack it, and for other texts.
 pub fn add(all: &mut Vec<Setting>, set: &[(String, String)], text: &str) {
     let Some((name, value)) = text.split_once(" = ") else { return };
     let is_fixed = set.iter().any(|(fixed, _)| fixed == name);
