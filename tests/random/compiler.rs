@@ -65,7 +65,14 @@ pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
             "set" => {
                 let (reads, writes, is_buffer) = (!has("writeonly"), !has("readonly"), has("buffer"));
                 let atomics = reads && writes && stage != ShaderStage::Compute;
-                let stride = Some(if has("uvec4") { 16 } else { 4 });
+                let names = if has("uvec4") { &["x", "y", "z", "w"][..] } else { &[""] };
+                let word = |(name, offset): (&&str, u32)| Member {
+                    name: (*name).to_owned(),
+                    offset,
+                    kind: MemberKind::Uint,
+                    used: true,
+                };
+                let stride = Some(4 * names.len() as u32);
                 let format = Format::ALL.into_iter().find(|format| format.name() == words[5]);
                 reflection.bindings.push(ReflectedBinding {
                     name: name(if is_buffer { 2 } else { 0 }),
@@ -81,8 +88,11 @@ pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
                     atomics,
                     atomics_only: atomics,
                     writes_first: !reads,
-                    scalar: MemberKind::Other,
-                    words: vec![],
+                    scalar: if is_buffer { MemberKind::Uint } else { MemberKind::Other },
+                    words: match is_buffer {
+                        true => names.iter().zip((0..).step_by(4)).map(word).collect(),
+                        false => vec![],
+                    },
                 });
             }
             other => panic!("a generated shader declares `{other}`"),

@@ -56,7 +56,10 @@ fn nameless(plan: &Plan) -> Plan {
         r.name.clear();
         r.history.iter_mut().for_each(String::clear);
     });
-    plan.shaders.iter_mut().for_each(|shader| shader.name.clear());
+    plan.shaders.iter_mut().for_each(|shader| {
+        shader.name.clear();
+        shader.path.clear();
+    });
     plan.passes.iter_mut().for_each(|pass| {
         pass.name.clear();
         pass.phase.clear();
