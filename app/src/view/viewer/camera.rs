@@ -20,7 +20,7 @@ const ANY_SIZE: (u32, u32) = (1, 1);
 impl Viewer {
     /// Replaces the selectable cameras, selects the first, and jumps to it. Without cameras, the view stays.
     ///
-    /// The navigation's up direction becomes that of [`Viewer::own_up`].
+    /// The navigation's up direction becomes that of the scene's tag, or else of the cameras.
     pub fn set_cameras(&mut self, list: impl Into<CameraList>) {
         self.camera_list = list.into();
         if let Some(camera) = self.cameras().first() {

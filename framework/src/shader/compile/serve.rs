@@ -1,13 +1,13 @@
 //! Implements the worker's side of [`super::worker`]: a loop over compilations, and a thread that enforces the limits.
 
 use std::io::{self, Write};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread;
 use std::time::Duration;
 
 use super::generate::{self, Failure, Key};
-use super::worker::{Limits, MAGIC, OUT_OF_MEMORY, OUT_OF_TIME, Reply, VARIABLE, receive, send};
+use super::worker::{Limits, MAGIC, OUT_OF_MEMORY, OUT_OF_TIME, Reply, SERVES, VARIABLE, receive, send};
 
 /// Stack sizes to try for the compiler's thread, largest first. glslang recurses once per operand of a sum; the first
 /// size suffices for the longest text. Only used pages take memory.
@@ -19,20 +19,12 @@ const BESIDES: u64 = 1 << 30;
 /// Interval at which memory and time are checked during a compilation.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
-/// True once the process has called [`serve_if_asked`].
-static ASKED: AtomicBool = AtomicBool::new(false);
-
-/// Returns true if the process has called [`serve_if_asked`], and was not started as a worker.
-pub(super) fn was_asked() -> bool {
-    ASKED.load(Ordering::Relaxed)
-}
-
 /// Serves as the compiler of a [`Worker`](super::Worker) and then exits, if this process was started as a worker.
 /// Otherwise returns at once.
 ///
 /// A program that serves as its own worker must call this at the start of `main`.
 pub fn serve_if_asked() {
-    ASKED.store(true, Ordering::Relaxed);
+    SERVES.store(true, Ordering::Relaxed);
     let Ok(Ok(limits)) = std::env::var(VARIABLE).map(|text| serde_json::from_str::<Limits>(&text)) else {
         return;
     };

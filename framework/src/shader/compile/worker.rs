@@ -15,6 +15,7 @@ use std::ffi::OsString;
 use std::io::{self, BufReader, Read, Write};
 use std::path::PathBuf;
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -60,6 +61,9 @@ impl Default for Limits {
     }
 }
 
+/// True once this process has called [`serve_if_asked`](super::serve_if_asked).
+pub(super) static SERVES: AtomicBool = AtomicBool::new(false);
+
 /// A program that can serve as the compiler: its `main` calls [`serve_if_asked`](super::serve_if_asked) first.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Worker {
@@ -82,8 +86,15 @@ impl Worker {
     /// # Errors
     /// The program has not called [`serve_if_asked`](super::serve_if_asked): it would start itself instead of a
     /// compiler, so a plug-in needs another program. Or the program's path cannot be determined.
+    ///
+    /// ```
+    /// # use splatgraph_framework::shader::{Worker, serve_if_asked};
+    /// assert!(Worker::this_program().is_err());
+    /// serve_if_asked();
+    /// assert!(Worker::this_program().is_ok());
+    /// ```
     pub fn this_program() -> io::Result<Worker> {
-        if !super::serve::was_asked() {
+        if !SERVES.load(Ordering::Relaxed) {
             let text = format!("expected a program that calls {SERVE} first, found none; use `Worker::new`");
             return Err(io::Error::new(io::ErrorKind::Unsupported, text));
         }
