@@ -93,7 +93,7 @@ fn few_threads_and_little_memory_are_no_reason_to_panic() {
         ["compare a.npy a.npy", "info scene.ply", "synth demo --count 1000 -o new.ply", "dump unsorted"]
     {
         // Compiling shaders takes more memory. With less, one of many allocations fails, which ends any Rust program.
-        let memory = if args.starts_with("dump") { 800_000 } else { 500_000 } * 1024;
+        let memory = if args.starts_with("dump") { 900_000 } else { 600_000 } * 1024;
         for (resource, most) in
             [(Resource::Nproc, 1), (Resource::Nproc, 2), (Resource::Nproc, 3), (Resource::As, memory)]
         {
