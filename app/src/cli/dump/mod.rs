@@ -219,8 +219,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// Reads a dump that `dump --format json` wrote.
 fn saved_dump(file: &str) -> Result<Dump> {
-    let text = std::fs::read_to_string(file).with_context(|| format!("{file} cannot be read"))?;
-    let dump: Dump = serde_json::from_str(&text)
+    let text = times::read(Path::new(file))?;
+    let dump: Dump = serde_json::from_slice(&text)
         .with_context(|| format!("{file}: expected a dump in JSON (`splatgraph dump -o {file}`)"))?;
     if dump.version != DUMP_VERSION {
         anyhow::bail!(

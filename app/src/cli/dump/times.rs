@@ -73,9 +73,12 @@ impl Times {
 const MAX_BYTES: u64 = 1 << 30;
 
 pub fn load(path: &Path) -> Result<Times> {
-    let text =
-        named_file::read(path, MAX_BYTES).with_context(|| format!("{} cannot be read", path.display()))?;
-    parse(&text).with_context(|| format!("{} has no GPU times", path.display()))
+    parse(&read(path)?).with_context(|| format!("{} has no GPU times", path.display()))
+}
+
+/// Reads a JSON file that the user named.
+pub fn read(path: &Path) -> Result<Vec<u8>> {
+    named_file::read(path, MAX_BYTES).with_context(|| format!("{} cannot be read", path.display()))
 }
 
 fn parse(text: &[u8]) -> Result<Times> {

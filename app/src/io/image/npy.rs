@@ -6,7 +6,7 @@
 
 use super::pixels::{Depth, Header, Image, ImageError, check_size, has_extension, open, room};
 use crate::io::output::{self, file::Cause};
-use npyz::{DType, NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
+use npyz::{AutoSerialize, DType, NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, Write};
 use std::marker::PhantomData;
@@ -15,22 +15,19 @@ use zip::ZipArchive;
 
 pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     let shape = [image.height as u64, image.width as u64, 3];
-    write_array(out, &shape, image.rgb.as_flattened().iter().copied())
+    write_array(out, f32::default_dtype(), &shape, image.rgb.as_flattened().iter().copied())
 }
 
 /// Writes the values of a resource as an array of the given shape. `T` determines the array's type.
 ///
 /// # Errors
 /// The extension is not `.npy`, or the file cannot be written.
-pub fn save_words<T: npyz::AutoSerialize + Copy>(
+pub fn save_words<T: AutoSerialize + Copy>(
     path: &Path,
     shape: &[u64],
     words: &[T],
 ) -> Result<(), ImageError> {
-    if !has_extension(path, "npy") {
-        return Err(ImageError::new(path, "expected the extension .npy"));
-    }
-    Ok(output::write(path, |out| write_array(out, shape, words.iter().copied()))?)
+    save(path, T::default_dtype(), shape, words.iter().copied())
 }
 
 /// A field of a structured array: a scalar, or a vector of several 32-bit words.
@@ -49,31 +46,33 @@ pub struct ElementField {
 /// # Errors
 /// The extension is not `.npy`, or the file cannot be written.
 pub fn save_elements(path: &Path, fields: &[ElementField], words: &[u32]) -> Result<(), ImageError> {
+    let per_element = fields.iter().map(|field| field.words).sum::<u64>().max(1) as usize;
+    let field = |ElementField { name, kind, words }: &ElementField| {
+        let plain = |bytes: u64| format!("{kind}{bytes}").parse().map(DType::Plain);
+        let dtype = match words {
+            _ if *kind == "|V" => plain(4 * words)?,
+            1 => plain(4)?,
+            _ => DType::Array(*words, Box::new(plain(4)?)),
+        };
+        Ok(npyz::Field { name: name.clone(), dtype })
+    };
+    let fields: Result<_, npyz::ParseTypeStrError> = fields.iter().map(field).collect();
+    let dtype = DType::Record(fields.map_err(|error| ImageError::new(path, error.to_string()))?);
+    let count = (words.len() / per_element) as u64;
+    save(path, dtype, &[count], words.chunks_exact(per_element).map(Element))
+}
+
+/// Saves an array. Fails if the extension is not `.npy`.
+fn save<T: npyz::Serialize>(
+    path: &Path,
+    dtype: DType,
+    shape: &[u64],
+    values: impl Iterator<Item = T>,
+) -> Result<(), ImageError> {
     if !has_extension(path, "npy") {
         return Err(ImageError::new(path, "expected the extension .npy"));
     }
-    let per_element = fields.iter().map(|field| field.words).sum::<u64>().max(1) as usize;
-    Ok(output::write(path, |out| {
-        let mut types = Vec::new();
-        for ElementField { name, kind, words } in fields {
-            let plain = |bytes: u64| {
-                Ok::<_, Cause>(DType::Plain(format!("{kind}{bytes}").parse().map_err(io::Error::other)?))
-            };
-            let dtype = match words {
-                _ if *kind == "|V" => plain(4 * words)?,
-                1 => plain(4)?,
-                _ => DType::Array(*words, Box::new(plain(4)?)),
-            };
-            types.push(npyz::Field { name: name.clone(), dtype });
-        }
-        let mut out = BufWriter::new(out);
-        let shape = [(words.len() / per_element) as u64];
-        let mut npy =
-            WriteOptions::new().dtype(DType::Record(types)).shape(&shape).writer(&mut out).begin_nd()?;
-        npy.extend(words.chunks_exact(per_element).map(Element))?;
-        npy.finish()?;
-        Ok(out.flush()?)
-    })?)
+    Ok(output::write(path, |out| write_array(out, dtype, shape, values))?)
 }
 
 /// An element of a structured array.
@@ -96,15 +95,16 @@ impl<'a> npyz::TypeWrite for ElementWriter<'a> {
     }
 }
 
-fn write_array<T: npyz::AutoSerialize>(
+fn write_array<T: npyz::Serialize>(
     out: &mut dyn Write,
+    dtype: DType,
     shape: &[u64],
     values: impl Iterator<Item = T>,
 ) -> Result<(), Cause> {
     // The library writes each value separately. With a concrete buffer type, most writes are a copy of four bytes.
     let mut out = BufWriter::new(out);
     let mut npy: NpyWriter<T, _> =
-        WriteOptions::new().default_dtype().shape(shape).writer(&mut out).begin_nd()?;
+        WriteOptions::new().dtype(dtype).shape(shape).writer(&mut out).begin_nd()?;
     npy.extend(values)?;
     npy.finish()?;
     Ok(out.flush()?)

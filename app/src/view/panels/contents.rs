@@ -38,9 +38,8 @@ const MAX_WIDTH: usize = 512;
 #[derive(Default)]
 pub struct State {
     first: usize,
-    /// Resource for which the user chose a type, and the type, `None` for the declared ones. All other resources are
-    /// read as declared.
-    read: Option<(String, Option<ReadAs>)>,
+    /// Resource for which the user chose a type, and the type. All other resources are read as declared.
+    read: Option<(String, ReadAs)>,
     channel: usize,
     picture: Option<TextureHandle>,
     /// Reading whose image is shown; see [`Viewport::readings`].
@@ -142,7 +141,7 @@ impl State {
                 ];
                 for (kind, text) in kinds {
                     if ui.selectable_label(self.chosen(finding) == kind, text).clicked() {
-                        self.read = Some((finding.resource.clone(), kind));
+                        self.read = kind.map(|kind| (finding.resource.clone(), kind));
                     }
                 }
             }
@@ -157,7 +156,7 @@ impl State {
     /// Returns the type that the user chose for the resource; `None` for the declared types.
     fn chosen(&self, finding: &Finding) -> Option<ReadAs> {
         let chosen = self.read.as_ref().filter(|(resource, _)| *resource == finding.resource);
-        chosen.and_then(|(_, read)| *read)
+        chosen.map(|(_, read)| *read)
     }
 
     fn read_as(&self, finding: &Finding, channel: usize) -> ReadAs {
