@@ -234,3 +234,41 @@ fn settings_with_the_plan_of_another_are_not_measured_and_a_stale_order_earns_no
         "{csv}"
     );
 }
+
+#[test]
+fn other_graphs_are_rows_of_the_ledger_and_stay_in_later_runs() {
+    let place = Place::new();
+    place.cameras(&["one"]);
+    for (file, bits) in [("mine/a.ron", 6), ("b.ron", 8)] {
+        place.write(
+            file,
+            format!("Preset(graph: \"splat\", summary: \"Coarse keys\", set: {{\"key_bits\": {bits}}})"),
+        );
+    }
+    let short = format!("{SHORT} --only defaults -o ledger");
+    let table = place.done(&format!("{short} --graph mine/a.ron --graph b.ron"));
+    let of =
+        |graph: &str| found(&place, "ledger", graph, "one")["error"]["psnr_db"].as_f64().expect("an error");
+    assert!(of("graph mine/a.ron") < of("graph b.ron") && of("graph b.ron") < of("exact"), "{table}");
+    let rows = || ledger(&place)["rows"].clone();
+    let before = rows();
+    place.done(&short);
+    assert_eq!(rows(), before);
+    place.write("b.ron", "Preset(graph: \"splat\", summary: \"Coarse keys\", set: {\"key_bits\": 9})");
+    place.done(&short);
+    assert_eq!(
+        (&rows()[0], rows() == before),
+        (&before[0], false),
+        "only the edited graph is measured again"
+    );
+    place.write("wrong.ron", "Preset(graph: \"splat\", summary: \"Wrong\", set: {\"key_bit\": 6})");
+    place.refuses(
+        &short,
+        &[
+            ("--graph missing.ron", 1, "missing.ron"),
+            ("--graph wrong.ron", 1, "wrong.ron:1"),
+            ("--graph fisheye", 1, "fisheye: expected a graph for pinhole cameras"),
+            ("--graph b.ron --set key_bits=7 --set record=f32", 1, "record"),
+        ],
+    );
+}

@@ -170,6 +170,7 @@ def trade(
     cameras: list[Camera],
     pipeline: str,
     params: list[tuple[str, str]],
+    graphs: list[str],
     only: list[str],
     truths: list[Any] | None,
     file: str | os.PathLike[str] | None,

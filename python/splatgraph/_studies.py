@@ -34,7 +34,7 @@ class Share:
 class Line:
     """A setting of a ledger, over all views."""
 
-    #: "exact", "defaults", "key_bits = 16", "preset key16".
+    #: "exact", "defaults", "key_bits = 16", "preset key16", "graph mine.ron".
     setting: str
     #: Mean time of a frame on the device, in milliseconds; None without timestamps.
     gpu_ms: float | None
@@ -153,6 +153,7 @@ def trade(
     pipeline: str | os.PathLike[str] = "auto",
     params: Mapping[str, Setting] | None = None,
     *,
+    graphs: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] = (),
     only: str | Sequence[str] = (),
     truths: Sequence[Any] | None = None,
     rounds: int = 32,
@@ -172,7 +173,9 @@ def trade(
         cameras: one view, or several, in the size of the pictures.
         pipeline: the graph whose parameters are changed.
         params: values that parameters have in every setting.
-        only: a prefix of the names of the settings to measure, such as "key_bits", or several; the exact settings are always measured.
+        graphs: other graphs to measure with their defaults, besides the built-in ones: a file or a name, or several.
+        only: a prefix of the names of the settings to measure, such as "key_bits", or several; the exact settings and `graphs` are always
+            measured.
         truths: true pictures, one for each camera, display-encoded, as for `compare`; by default, the exact renderer's.
         rounds: maximum number of rounds of frames; with fewer than 8 frames in all rounds, all differences in time count as noise.
         frames: frames per round; by default 1 to 3, from the frame time.
@@ -193,6 +196,7 @@ def trade(
         _cameras(cameras),
         graph_name(pipeline),
         texts(params),
+        [graph_name(graph) for graph in ([graphs] if isinstance(graphs, (str, os.PathLike)) else graphs)],
         [only] if isinstance(only, str) else list(only),
         None if truths is None else list(truths),
         file,

@@ -122,7 +122,7 @@ impl Effort {
 
 /// Measures settings: see `splatgraph.trade`. Returns a dict.
 #[pyfunction]
-#[pyo3(signature = (scene, cameras, pipeline, params, only, truths, file, effort, progress = None))]
+#[pyo3(signature = (scene, cameras, pipeline, params, graphs, only, truths, file, effort, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "the package has one caller, with defaults")]
 pub fn trade<'py>(
     py: Python<'py>,
@@ -130,6 +130,7 @@ pub fn trade<'py>(
     cameras: Vec<Bound<'py, Camera>>,
     pipeline: String,
     params: Vec<(String, String)>,
+    graphs: Vec<String>,
     only: Vec<String>,
     truths: Option<Vec<Bound<'py, PyAny>>>,
     file: Option<PathBuf>,
@@ -144,6 +145,7 @@ pub fn trade<'py>(
     let wanted = trading::Wanted {
         pipeline,
         set: params,
+        graphs,
         only,
         frames,
         truths: truths.map(|truths| ("arrays".into(), truths)),

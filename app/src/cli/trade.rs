@@ -63,6 +63,7 @@ use std::path::{Path, PathBuf};
   splatgraph trade                                        # the demo scene; ledger/ledger.html shows the result
   splatgraph trade scene.ply -c cameras.json -o biker/    # an interrupted run goes on
   splatgraph trade scene.ply --only key_bits --only key_map
+  splatgraph trade scene.ply --graph a.ron --graph b.ron  # two graphs of your own, among the built-in ones
   splatgraph trade scene.ply --set sh_degree=1            # what the others save with one band of harmonics
   splatgraph trade scene.ply -c cameras.json --truth photographs/ --size 980x545")]
 pub struct Args {
@@ -79,6 +80,12 @@ pub struct Args {
     /// Folder for ledger.json, .csv, .html, .svg, .png and pictures/; an interrupted run resumes from ledger.json
     #[arg(short, long, value_name = "DIR", default_value = "ledger")]
     output: PathBuf,
+    /// Measure another graph, too, with its defaults: a file or the name of a built-in graph; may be repeated
+    ///
+    /// Its rows are named `graph` and what is given here. It is drawn like the built-in graphs, which are always
+    /// measured, and needs the projection of --pipeline, and the parameters of --set. Later runs keep its rows.
+    #[arg(long = "graph", value_name = "GRAPH")]
+    graphs: Vec<String>,
     /// Measure only settings whose names begin with this, for instance `key_bits` or `preset`; may be repeated
     ///
     /// A parameter takes all values of a choice, five across an integer's range, or four across a float's, without its
@@ -108,7 +115,8 @@ fn open(
     file: Option<PathBuf>,
 ) -> Result<(Subject, Wanted)> {
     let Drawing { pipeline, set, size, .. } = &args.drawing;
-    let settings = [Setting::of_graph(pipeline, set)];
+    let graphs = std::iter::once(pipeline).chain(&args.graphs);
+    let settings: Vec<_> = graphs.map(|graph| Setting::of_graph(graph, set)).collect();
     let stems = loading::stems(args.scene.as_deref(), given.as_deref(), ROOM);
     let scene = (args.scene.as_deref(), &args.load);
     let mut subject = subject::load(args.device.open()?, scene, &settings, given, *size)?;
@@ -122,6 +130,7 @@ fn open(
     let wanted = Wanted {
         pipeline: pipeline.clone(),
         set: set.clone(),
+        graphs: args.graphs.clone(),
         only: args.only.clone(),
         frames: args.effort.frames(),
         truths: args.truth.as_ref().map(truths).transpose()?,
@@ -288,7 +297,9 @@ fn usage(error: StudyError) -> anyhow::Error {
 /// would go into the `--truth` folder.
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.drawing.cameras.as_deref())?;
-    guard.input("the graph", Path::new(&args.drawing.pipeline))?;
+    for graph in std::iter::once(&args.drawing.pipeline).chain(&args.graphs) {
+        guard.input("the graph", Path::new(graph))?;
+    }
     for name in [LEDGER, CSV, PAGE] {
         guard.output("--output", &args.output.join(name))?;
     }

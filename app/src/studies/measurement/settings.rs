@@ -23,6 +23,14 @@ pub fn measured_names(projection: Projection) -> Vec<&'static str> {
     builtin::presets().iter().filter(|preset| is_measured(preset)).map(|preset| preset.name).collect()
 }
 
+/// Beginning of the names of settings that draw another graph; the rest is the graph, as `--pipeline` takes it.
+pub const GRAPH: &str = "graph ";
+
+/// Returns the setting that draws another graph with its defaults, and with the parameters of `set` at fixed values.
+pub fn of_graph(graph: &str, set: &[(String, String)]) -> Setting {
+    Setting { name: format!("{GRAPH}{graph}"), ..Setting::of_graph(graph, set) }
+}
+
 /// Lists the settings of a graph that studies measure, with the parameters of `set` at fixed values.
 pub fn measured(pipeline: &str, set: &[(String, String)], controls: &[Control]) -> Vec<Setting> {
     let all = list(pipeline, controls, &measured_names(projection::of_controls(controls)));

@@ -4,6 +4,7 @@ use super::ledger::{self, Book, Ledger, Origin};
 use super::measure::{MAX_PENDING, Pending, Sessions};
 use super::pictures::Album;
 use crate::draw::interleaved::{Effort, Frames};
+use crate::draw::projection;
 use crate::draw::session::Session;
 use crate::io::image::Image;
 use crate::io::program;
@@ -14,8 +15,9 @@ use crate::studies::measurement::time::FRAMES_DIVISOR;
 use crate::studies::measurement::view::View;
 use crate::studies::provenance::Provenance;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
+use indexmap::IndexSet;
 use splatgraph_api::{Compiled, Device};
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::{Camera, Projection, Scene};
 use splatgraph_framework::ir::Param;
 use splatgraph_framework::lower::Control;
 use splatgraph_reference::PictureMemoryError;
@@ -33,8 +35,10 @@ pub struct Wanted {
     pub pipeline: String,
     /// Names and values of the parameters that are the same in every setting.
     pub set: Vec<(String, String)>,
-    /// Prefixes of the names of the settings to measure; empty for all. The exact settings and those with rows of an
-    /// earlier run are always measured.
+    /// Other graphs to measure with their defaults, besides the built-in ones.
+    pub graphs: Vec<String>,
+    /// Prefixes of the names of the settings to measure; empty for all. The exact settings, `graphs`, and settings with
+    /// rows of an earlier run are always measured.
     pub only: Vec<String>,
     /// Numbers of frames and rounds.
     pub frames: Frames,
@@ -84,8 +88,8 @@ impl Study {
     ///
     /// # Errors
     /// [`Wanted::file`] is not a ledger, the subject has no camera or none that sees a splat, an exact picture does not
-    /// fit in memory, the graph has errors, no setting's name begins with a prefix of [`Wanted::only`], the executable
-    /// cannot be read, the device fails, or the listener cancels.
+    /// fit in memory, a graph has errors, one of [`Wanted::graphs`] has another projection, no setting's name begins with
+    /// a prefix of [`Wanted::only`], the executable cannot be read, the device fails, or the listener cancels.
     pub fn new(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) -> Result<Study, StudyError> {
         // Rows of an earlier run are shown, too: their settings' plans are needed to drop rows that are out of date.
         let earlier = wanted.file.as_deref().map_or_else(|| Ok(BTreeSet::new()), ledger::replaceable)?;
@@ -95,12 +99,19 @@ impl Study {
         }
         let mut session = subject.session(&wanted.pipeline, &wanted.set)?;
         let controls = session.controls((camera.width, camera.height))?;
+        check_graphs(
+            &mut session,
+            wanted,
+            projection::of_controls(&controls),
+            (camera.width, camera.height),
+        )?;
         let settings = chosen(wanted, &earlier, &controls)?;
         let mut exact = subject.session(&settings[0].pipeline, &settings[0].set)?;
         exact.prepare((camera.width, camera.height), &mut |_| {})?;
         let is_wanted = |setting: &Setting| {
             let name = &setting.name;
-            *name == settings::EXACT || only(wanted, name) || earlier.contains(name)
+            let is_graph = name.starts_with(settings::GRAPH);
+            *name == settings::EXACT || is_graph || only(wanted, name) || earlier.contains(name)
         };
         let Planned { settings, same_plan, built, pipelines } =
             to_measure(settings, &mut exact, &subject.cameras, &is_wanted, listener)?;
@@ -269,6 +280,27 @@ fn only(wanted: &Wanted, setting: &str) -> bool {
     wanted.only.is_empty() || wanted.only.iter().any(|name| setting.starts_with(name.as_str()))
 }
 
+/// Checks that [`Wanted::graphs`] have no errors, and the projection of the exact pictures.
+fn check_graphs(
+    session: &mut Session,
+    wanted: &Wanted,
+    projection: Projection,
+    size: (u32, u32),
+) -> Result<(), StudyError> {
+    for graph in &wanted.graphs {
+        session.set_graph(graph, &wanted.set);
+        let found = projection::of_controls(&session.controls(size)?);
+        if found != projection {
+            return Err(StudyError::Input(format!(
+                "{graph}: expected a graph for {projection} cameras, as {} is, found one for {found} cameras",
+                wanted.pipeline
+            )));
+        }
+    }
+    session.set_graph(&wanted.pipeline, &wanted.set);
+    Ok(())
+}
+
 /// Lists all settings of the graph, the exact ones first, and checks the prefixes of [`Wanted::only`]. If `only` or an
 /// `earlier` row names a parameter without an exact value, its current value counts as exact.
 fn chosen(
@@ -286,6 +318,10 @@ fn chosen(
         }
     }
     let mut all = settings::measured(&wanted.pipeline, &wanted.set, &controls);
+    // The names of earlier rows have the graphs that they drew, so a run without these graphs keeps the rows.
+    let drawn = earlier.iter().filter_map(|name| name.strip_prefix(settings::GRAPH));
+    let graphs: IndexSet<&str> = wanted.graphs.iter().map(String::as_str).chain(drawn).collect();
+    all.extend(graphs.into_iter().map(|graph| settings::of_graph(graph, &wanted.set)));
     for name in &wanted.only {
         settings::add(&mut all, &wanted.set, name);
         if !all.iter().any(|setting| setting.name.starts_with(name.as_str())) {
@@ -392,6 +428,7 @@ mod tests {
         let wanted = Wanted {
             pipeline: "splat".into(),
             set: Vec::new(),
+            graphs: Vec::new(),
             only: vec!["key_bits".into()],
             frames: Frames { rounds: 1, frames: Some(1) },
             truths: None,
@@ -416,6 +453,7 @@ mod tests {
             let wanted = Wanted {
                 pipeline: "splat".into(),
                 set: Vec::new(),
+                graphs: Vec::new(),
                 only: vec![only.into()],
                 frames: Frames { rounds: 1, frames: Some(1) },
                 truths: None,
@@ -429,6 +467,31 @@ mod tests {
         assert!(is_measured("key_bits", None));
         assert!(is_measured("defaults", Some("key_bits = 8")), "otherwise, its rows are dropped");
         assert!(!is_measured("defaults", None));
+    }
+
+    #[test]
+    fn the_graph_of_an_earlier_row_is_measured_without_being_given_again() {
+        let presets = builtin::presets();
+        let splat = presets.iter().find(|preset| preset.name == "splat").expect("it is built in");
+        let wanted = Wanted {
+            pipeline: "splat".into(),
+            set: vec![("cutoff".into(), "2".into())],
+            graphs: vec!["a.ron".into()],
+            only: vec!["graph".into()],
+            frames: Frames { rounds: 1, frames: Some(1) },
+            truths: None,
+            opened: String::new(),
+            file: None,
+        };
+        let earlier = ["graph a.ron", "graph my/b.ron", "defaults"].map(str::to_owned).into();
+        let all = chosen(&wanted, &earlier, &splat.params).expect("known settings");
+        let graphs: Vec<_> = all.into_iter().filter(|setting| setting.name.starts_with("graph ")).collect();
+        let of = |graph: &str| Setting {
+            name: format!("graph {graph}"),
+            pipeline: graph.into(),
+            set: wanted.set.clone(),
+        };
+        assert_eq!(graphs, [of("a.ron"), of("my/b.ron")]);
     }
 
     #[test]
