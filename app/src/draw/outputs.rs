@@ -22,7 +22,9 @@
 
 use crate::draw::inspect::{Finding, Words};
 use crate::draw::session::{FrameOptions, PixelsError, Session, SessionError, image_of};
-use crate::io::image::{Format, Image, ImageError, Samples, save_rgba_png, save_values, save_words};
+use crate::io::image::{
+    Format, Image, ImageError, NotFinite, Samples, save_rgba_png, save_values, save_words,
+};
 use crate::io::output::OutputError;
 use splatgraph_api::Inspect;
 use splatgraph_assets::{Camera, NEAR, Projection};
@@ -235,12 +237,13 @@ impl Output {
     /// Writes the values in the extension's format: `.npy` and `.exr` keep floats or integers, `.png` is a picture.
     ///
     /// In a PNG, a normal is normalised and becomes the colour (n + 1) / 2, or black if it is zero. [`RGBA`] is written
-    /// with straight alpha in a PNG, and premultiplied in the other formats.
+    /// with straight alpha in a PNG, and premultiplied in the other formats. Returns the number of pixels that the
+    /// format cannot hold; `None` for formats that hold all values.
     ///
     /// # Errors
     /// The extension is not one of `.npy`, `.exr` and `.png`, [`check_format`] refuses the format, or the file cannot
     /// be written.
-    pub fn save(&self, path: &Path) -> Result<(), ImageError> {
+    pub fn save(&self, path: &Path) -> Result<Option<NotFinite>, ImageError> {
         if let Some(format) = Format::of(path) {
             let refused = |why: String| OutputError { path: path.to_owned(), cause: why.into() };
             check_format(&self.name, format).map_err(refused)?;
@@ -262,15 +265,16 @@ impl Output {
                 _ => &["R", "G", "B"],
             };
             let about = (channels != 4).then(|| self.about());
-            return save_values(path, names, size, samples, about.as_deref());
+            save_values(path, names, size, samples, about.as_deref())?;
+            return Ok(None);
         }
         let values = match (Format::of(path), &self.words) {
             (Some(Format::Png), Words::Float(values)) => values,
-            (_, Words::Float(values)) => return save_words(path, &self.shape, values),
-            (_, Words::Uint(words)) => return save_words(path, &self.shape, words),
+            (_, Words::Float(values)) => return save_words(path, &self.shape, values).map(|()| None),
+            (_, Words::Uint(words)) => return save_words(path, &self.shape, words).map(|()| None),
         };
         if channels == 4 {
-            return save_rgba_png(path, size, values);
+            return save_rgba_png(path, size, values).map(Some);
         }
         let pixel = |x: usize, y: usize| {
             let at = (y * width + x) * channels;
@@ -280,7 +284,7 @@ impl Output {
         let image = Image::from_fn(size.0, size.1, pixel);
         // Other outputs of three channels may be colours.
         let is_data = channels == 1 || self.name == "normal";
-        if is_data { image.save_png_of_data(path) } else { image.save(path) }
+        if is_data { image.save_png_of_data(path).map(Some) } else { image.save_as(Format::Png, path) }
     }
 }
 
@@ -300,7 +304,7 @@ impl Output {
 
 fn colour_of_normal(normal: [f32; 3]) -> [f32; 3] {
     let length = normal.iter().map(|v| v * v).sum::<f32>().sqrt();
-    normal.map(|v| if length > 0.0 { 0.5 * (v / length + 1.0) } else { 0.0 })
+    normal.map(|v| if length == 0.0 { 0.0 } else { 0.5 * (v / length + 1.0) })
 }
 
 #[cfg(test)]
@@ -313,7 +317,7 @@ mod tests {
         let save = |name: &str, words: Words, shape: &[u64], file: &str| {
             let path = folder.path().join(file);
             let output = Output { name: name.into(), shape: shape.to_vec(), words, by_distance: true };
-            output.save(&path).map(|()| path)
+            output.save(&path).map(|_| path)
         };
         let alpha = Words::Float(vec![0.0, 0.25, 0.5, 1.0]);
         let grey = Image::load(&save("alpha", alpha.clone(), &[2, 2], "a.png").unwrap()).unwrap();
@@ -342,6 +346,25 @@ mod tests {
         let normals = Words::Float(vec![0.0, 0.0, -0.5, 0.0, 0.0, 0.0]);
         let colours = Image::load(&save("normal", normals, &[1, 2, 3], "n.png").unwrap()).unwrap();
         assert_eq!((colours.at(0, 0)[2], colours.at(1, 0)), (0.0, [0.0; 3]));
+        for (name, shape, counted) in [
+            ("alpha", vec![2, 4], Some(2)),
+            ("normal", vec![2, 1, 3], Some(1)),
+            (RGBA, vec![1, 2, 4], Some(2)),
+        ] {
+            let words = Words::Float(
+                [0.5, f32::NAN, 0.0, 0.5, 0.5, 0.5, 0.5, f32::INFINITY]
+                    [..shape.iter().product::<u64>() as usize]
+                    .to_vec(),
+            );
+            let output = Output { name: name.into(), shape, words, by_distance: true };
+            let found =
+                |file: &str| output.save(&folder.path().join(file)).unwrap().map(|found| found.pixels);
+            assert_eq!(
+                (found("nan.png"), found("nan.npy"), found("nan.exr")),
+                (counted, None, None),
+                "{name}"
+            );
+        }
         save("index", Words::Uint(vec![7]), &[1, 1], "i.exr").unwrap();
         let bytes = std::fs::read(folder.path().join("d.exr")).unwrap();
         let says = |text: &str| bytes.windows(text.len()).any(|part| part == text.as_bytes());

@@ -59,8 +59,8 @@ struct Flying {
 struct Told {
     stats: CameraStats,
     line: String,
-    /// Warning about pixels that the picture's format cannot hold.
-    note: Option<String>,
+    /// Warnings about pixels that the formats of the files cannot hold.
+    notes: Vec<String>,
 }
 
 impl Batch {
@@ -245,18 +245,19 @@ impl Batch {
             let image = converted.map_or_else(|| convert(output), |image| Ok(Some(image)))?;
             // The readback memory is back at the device before encoding.
             drop(pixels_held);
+            let mut notes = Vec::new();
             for (name, path) in &files {
                 let source = outputs.iter().find(|output| output.name == outputs::source_of(name));
                 let output = outputs::named(name, source, image.as_ref(), background);
-                output.with_context(|| format!("the device returned no output `{name}`"))?.save(path)?;
+                let output = output.with_context(|| format!("the device returned no output `{name}`"))?;
+                notes.extend(output.save(path)?.and_then(|found| found.note(path.display())));
             }
-            let mut note = None;
             let line = match (destination, image) {
                 (Some(destination), Some(image)) => {
                     let path = destination.path(&stem);
                     let not_finite = image.save_as(destination.format(), &path)?;
                     stats.not_finite = not_finite.map(|found| found.pixels);
-                    note = not_finite.and_then(|found| found.note(path.display()));
+                    notes.extend(not_finite.and_then(|found| found.note(path.display())));
                     format!("{}: {} x {}, {}", path.display(), image.width, image.height, stats.line())
                 }
                 _ => {
@@ -266,7 +267,7 @@ impl Batch {
                     format!("{}: {}", one_line(&name), stats.line())
                 }
             };
-            Ok(Told { stats, line, note })
+            Ok(Told { stats, line, notes })
         };
         for told in self.pictures.start(bytes, work)? {
             self.tell(told, progress)?;
@@ -292,9 +293,9 @@ impl Batch {
         Ok(self.done.as_deref().unwrap_or_default())
     }
 
-    fn tell(&mut self, Told { stats, line, note }: Told, progress: &Progress) -> Result<()> {
+    fn tell(&mut self, Told { stats, line, notes }: Told, progress: &Progress) -> Result<()> {
         progress.suspend(|| {
-            note.iter().for_each(say);
+            notes.iter().for_each(say);
             self.stdout.line(&line)
         })?;
         if let Some(done) = &mut self.done {

@@ -382,7 +382,7 @@ fn draw_exactly(
         let output = outputs::named(name, source.as_ref(), Some(&image), args.background);
         let output = output.with_context(|| format!("the exact renderer has no output `{name}`"))?;
         let path = per_camera(file, in_folder(name, args.format), stem, cameras);
-        output.save(&path)?;
+        output.save(&path)?.and_then(|found| found.note(path.display())).iter().for_each(say);
         truth.stats.files.insert(name.into(), options::text_of(&path));
     }
     let name = match Destination::of(args.picture()?, args.format)? {

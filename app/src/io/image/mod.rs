@@ -31,19 +31,26 @@ pub use pixels::{Depth, Header, Image, ImageError, NotFinite};
 /// Writes colours with alpha as a PNG file: 8 bits per channel, colours not multiplied by alpha.
 ///
 /// `values` are four per pixel: display-encoded colours multiplied by alpha, and alpha. Colours are clamped after the
-/// division by alpha; they are black where alpha is 0.
+/// division by alpha; they are black where alpha is 0. Returns the number of pixels that are not finite.
 ///
 /// # Errors
 /// The file cannot be written. An existing file is then kept.
-pub fn save_rgba_png(path: &Path, (width, height): (usize, usize), values: &[f32]) -> Result<(), ImageError> {
+pub fn save_rgba_png(
+    path: &Path,
+    (width, height): (usize, usize),
+    values: &[f32],
+) -> Result<NotFinite, ImageError> {
     let _span = info_span!("encode and write", path = %path.display()).entered();
+    let mut pixels = 0;
     let pixel = |pixel: &[f32]| {
+        pixels += usize::from(!pixel.iter().all(|value| value.is_finite()));
         let alpha = pixel[3];
         let straight = |c: usize| if alpha > 0.0 { pixel[c] / alpha } else { 0.0 };
         [straight(0), straight(1), straight(2), alpha].map(pixels::level)
     };
     let bytes: Vec<u8> = values.chunks_exact(4).flat_map(pixel).collect();
-    Ok(output::write(path, |out| png::write_bytes((width, height), &bytes, true, out))?)
+    output::write(path, |out| png::write_bytes((width, height), &bytes, true, out))?;
+    Ok(NotFinite { pixels, of: width * height })
 }
 
 impl Image {
@@ -136,13 +143,15 @@ impl Image {
     }
 
     /// Saves values that are not colours, such as alpha, as a PNG file. Programs must not convert them as colours, so
-    /// the file does not declare an encoding.
+    /// the file does not declare an encoding. Returns the number of pixels that are not finite.
     ///
     /// # Errors
     /// The file cannot be written. An existing file is then kept.
-    pub fn save_png_of_data(&self, path: &Path) -> Result<(), ImageError> {
+    pub fn save_png_of_data(&self, path: &Path) -> Result<NotFinite, ImageError> {
         let _span = info_span!("encode and write", path = %path.display()).entered();
-        Ok(output::write(path, |out| png::write(self, false, out).map(drop))?)
+        let mut not_finite = NotFinite::default();
+        output::write(path, |out| png::write(self, false, out).map(|found| not_finite = found))?;
+        Ok(not_finite)
     }
 
     /// Encodes the picture as a PNG file, and returns its bytes.
