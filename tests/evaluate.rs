@@ -2,6 +2,7 @@
 
 use crate::place::Place;
 use serde_json::Value;
+use splatgraph::io::image::Image;
 use splatgraph_assets::{Camera, Projection};
 
 fn photographed() -> Place {
@@ -281,4 +282,54 @@ fn the_cameras_of_a_dataset_are_drawn_by_render_and_mistakes_are_told() {
     place.write("views/sparse/0/cameras.txt", wrong.replacen("PINHOLE", "OPENCV", 1));
     let why = "cameras.txt:2: `k1`: expected a value, found the end of the line";
     place.refuses("", &[("render scene.ply -c views -o x", 1, why)]);
+}
+
+#[test]
+fn pixels_that_are_black_in_a_mask_are_not_scored() {
+    let place = photographed();
+    // A passer-by covers the left third of the first view.
+    let one = "views/images/view-0000.png";
+    let photograph = place.image(one);
+    let is_hidden = |x: usize| 3 * x < photograph.width;
+    let white = |x: usize, y: usize| if is_hidden(x) { [1.0; 3] } else { photograph.at(x, y) };
+    let (width, height) = (photograph.width, photograph.height);
+    Image::from_fn(width, height, white).save(&place.at(one)).expect("saved");
+    let masks = |file: &str, mask: Image| {
+        place.write(&format!("masks/{file}"), "");
+        mask.save(&place.at(format!("masks/{file}"))).expect("saved");
+    };
+    masks("view-0000.png.png", Image::from_fn(width, height, |x, _| [f32::from(u8::from(!is_hidden(x))); 3]));
+    let line = "evaluate scene.ply -c views --backend reference";
+    let said = place.fails(&format!("{line} --masks masks"), 1);
+    assert!(said.contains("expected the mask view-0008.png.png in masks, found none"), "{said}");
+    masks("view-0008.png", Image::from_fn(2 * width, 2 * height, |_, _| [1.0; 3]));
+    let found = scored(&place, "--backend reference --masks masks");
+    let (masked, whole) = (&found["views"][0], &found["views"][1]);
+    assert!(
+        (masked["counted"].as_f64(), whole["counted"].as_f64()) == (Some(2.0 / 3.0), Some(1.0)),
+        "{found:#}"
+    );
+    for view in [masked, whole] {
+        assert!((58.0..60.0).contains(&view["psnr_db"].as_f64().expect("a number")), "{view}");
+        assert!(view["ssim"].as_f64() > Some(0.998) && view["flip"].as_f64() < Some(0.02), "{view}");
+    }
+    let all = scored(&place, "--backend reference");
+    assert!(
+        all["views"][0]["psnr_db"].as_f64() < Some(20.0) && all["views"][0].get("counted").is_none(),
+        "{all:#}"
+    );
+    assert!(place.done(&format!("{line} --masks masks")).contains("96 x 54, 66.7 % counted"));
+    masks("dark/view-0000.png", Image::from_fn(width, height, |_, _| [0.0; 3]));
+    masks("dark/view-0008.png", Image::from_fn(height, width, |_, _| [1.0; 3]));
+    let said = place.fails(&format!("{line} --masks masks/dark"), 1);
+    assert!(said.contains("expected a mask with pixels that count, found only black"), "{said}");
+    assert!(said.contains("expected a mask of the shape of 96 x 54, found 54 x 96"), "{said}");
+    place.refuses(
+        line,
+        &[
+            ("--masks nowhere", 1, "expected the mask view-0000.png.png in nowhere, found none"),
+            ("--masks views/images", 1, "expected a folder of masks for --masks, found the photograph"),
+            ("--masks masks --json=masks/view-0008.png", 2, "a mask"),
+        ],
+    );
 }

@@ -239,7 +239,7 @@ fn settings_with_the_plan_of_another_are_not_measured_and_a_stale_order_earns_no
 fn other_graphs_are_rows_of_the_ledger_and_stay_in_later_runs() {
     let place = Place::new();
     place.cameras(&["one"]);
-    for (file, bits) in [("mine/a.ron", 6), ("b.ron", 8)] {
+    for (file, bits) in [("mine/a.ron", 8), ("b.ron", 12)] {
         place.write(
             file,
             format!("Preset(graph: \"splat\", summary: \"Coarse keys\", set: {{\"key_bits\": {bits}}})"),
@@ -254,21 +254,21 @@ fn other_graphs_are_rows_of_the_ledger_and_stay_in_later_runs() {
     let before = rows();
     place.done(&short);
     assert_eq!(rows(), before);
-    place.write("b.ron", "Preset(graph: \"splat\", summary: \"Coarse keys\", set: {\"key_bits\": 9})");
+    place.write("b.ron", "Preset(graph: \"splat\", summary: \"Coarse keys\", set: {\"key_bits\": 13})");
     place.done(&short);
     assert_eq!(
         (&rows()[0], rows() == before),
         (&before[0], false),
         "only the edited graph is measured again"
     );
-    place.write("wrong.ron", "Preset(graph: \"splat\", summary: \"Wrong\", set: {\"key_bit\": 6})");
+    place.write("wrong.ron", "Preset(graph: \"splat\", summary: \"Wrong\", set: {\"key_bit\": 8})");
     place.refuses(
         &short,
         &[
             ("--graph missing.ron", 1, "missing.ron"),
             ("--graph wrong.ron", 1, "wrong.ron:1"),
             ("--graph fisheye", 1, "fisheye: expected a graph for pinhole cameras"),
-            ("--graph b.ron --set key_bits=7 --set record=f32", 1, "record"),
+            ("--graph b.ron --set key_bits=9 --set record=f32", 1, "record"),
         ],
     );
 }

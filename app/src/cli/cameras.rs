@@ -176,10 +176,24 @@ pub fn tell_tilt<'a>(pinholes: impl IntoIterator<Item = &'a Camera>, up: [f64; 3
     }
 }
 
+/// Finds the file that belongs to a photograph in another folder, such as its mask; `None` if there is none.
+///
+/// Its extension may differ or be appended. Leading folders of the name may be part of `folder`: `images/a.png` may be
+/// `a.png` there.
+pub fn beside_photograph(folder: &Path, view: &View) -> Option<PathBuf> {
+    let name = view.photograph.as_str();
+    std::iter::once(0).chain(name.match_indices('/').map(|(at, _)| at + 1)).find_map(|at| {
+        let view = View { photograph: name[at..].to_owned(), ..view.clone() };
+        Dataset::photograph_in(folder, &view).ok()
+    })
+}
+
 /// Warns the user if the dataset has masks.
 pub fn tell_masks(dataset: &Dataset) {
     if dataset.has_masks {
-        say("masks (`mask_path`) are not read: all pixels are scored");
+        say(
+            "masks (`mask_path`) are not read: all pixels are scored; --masks DIR scores those of the masks in a folder",
+        );
     }
 }
 

@@ -1,6 +1,6 @@
 //! Runs `splatgraph trade`: writes a ledger of what each setting saves and costs.
 
-use super::cameras::tell_off_center;
+use super::cameras::{self, tell_off_center};
 use super::console::Console;
 use super::job::{self, Origin, Outputs, ShardArgs, Work};
 use super::loading;
@@ -24,7 +24,7 @@ use anyhow::{Context, Result, bail};
 use serde::Deserialize;
 use serde_json::json;
 use splatgraph_assets::photograph::EXTENSIONS;
-use splatgraph_assets::{Camera, Dataset, View};
+use splatgraph_assets::{Camera, View};
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
@@ -354,17 +354,10 @@ fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<
     Ok(images)
 }
 
-/// Finds the true picture of a camera. It has the file name that `render` gives to the picture, or is the photograph.
-/// Leading folders of the photograph's name may be part of `folder`: `images/a.png` may be `a.png` in `images`.
+/// Finds the true picture of a camera. It has the file name that `render` gives to the picture, or the photograph's.
 fn true_picture(folder: &Path, camera: &Camera, stem: &str) -> Option<PathBuf> {
     let formats = ["npy", "exr"].into_iter().chain(EXTENSIONS);
     let drawn = formats.map(|format| folder.join(format!("{stem}.{format}"))).find(|path| path.exists());
-    let name = camera.img_name.as_str();
-    let ends = name.match_indices('/').map(|(at, _)| at + 1);
-    drawn.or_else(|| {
-        std::iter::once(0).chain(ends).find_map(|at| {
-            let view = View { photograph: name[at..].to_owned(), camera: camera.clone(), test: None };
-            Dataset::photograph_in(folder, &view).ok()
-        })
-    })
+    let view = View { photograph: camera.img_name.clone(), camera: camera.clone(), test: None };
+    drawn.or_else(|| cameras::beside_photograph(folder, &view))
 }

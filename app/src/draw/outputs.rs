@@ -349,7 +349,7 @@ mod tests {
         for (name, shape, counted) in [
             ("alpha", vec![2, 4], Some(2)),
             ("normal", vec![2, 1, 3], Some(1)),
-            (RGBA, vec![1, 2, 4], Some(2)),
+            (RGBA.0, vec![1, 2, 4], Some(2)),
         ] {
             let words = Words::Float(
                 [0.5, f32::NAN, 0.0, 0.5, 0.5, 0.5, 0.5, f32::INFINITY]

@@ -23,6 +23,9 @@ pub struct Score {
     pub ssim: Option<f64>,
     /// Mean FLIP of the pictures in 8 bits, 0 for equal pictures.
     pub flip: f64,
+    /// Share of the pixels that count; `None` without a mask.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub counted: Option<f64>,
 }
 
 /// Means of the scores over all views. A mean is `None` if a view lacks the score or is missing, or without views.
@@ -49,19 +52,46 @@ pub struct Evaluation {
     pub mean: Mean,
 }
 
-/// Scores a picture against its photograph.
+/// Scores a picture against its photograph. With a mask, only the pixels that are true count.
+///
+/// A mask has a value per pixel of the photograph, and at least one is true.
+///
+/// Elsewhere, the picture takes the photograph's pixels, so all errors come from the pixels that count, and are divided
+/// by their share: the squared error, 1 - SSIM (whose map has no border), and FLIP.
 ///
 /// # Errors
 /// The sizes differ, or a value is not finite.
-pub fn score(view: &str, picture: &Image, photograph: &Image) -> Result<Score, MetricError> {
+pub fn score(
+    view: &str,
+    picture: &Image,
+    photograph: &Image,
+    mask: Option<&[bool]>,
+) -> Result<Score, MetricError> {
+    let masked = mask.map(|mask| {
+        assert_eq!(mask.len(), photograph.rgb.len(), "a value per pixel of the photograph");
+        let pixels = picture.rgb.iter().zip(&photograph.rgb).zip(mask);
+        Image {
+            rgb: pixels.map(|((own, other), counts)| if *counts { *own } else { *other }).collect(),
+            ..*picture
+        }
+    });
+    let picture = masked.as_ref().unwrap_or(picture);
     let found = metrics::compare(picture.into(), photograph.into())?;
+    let (width, height) = (picture.width, picture.height);
+    let share = |border: usize| {
+        let inner = |side: usize| border..side.saturating_sub(border);
+        let pixels = || inner(height).flat_map(|y| inner(width).map(move |x| y * width + x));
+        mask.map_or(1.0, |mask| pixels().filter(|at| mask[*at]).count() as f64 / pixels().count() as f64)
+    };
+    let (all, of_map) = (share(0), share(metrics::SSIM_RADIUS));
     Ok(Score {
         view: view.to_owned(),
-        width: picture.width,
-        height: picture.height,
-        psnr_db: found.psnr_db,
-        ssim: found.ssim,
-        flip: Seen::of_8_bits(photograph.into()).flip(&Seen::of_8_bits(picture.into())),
+        width,
+        height,
+        psnr_db: found.psnr_db.map(|db| db + 10.0 * all.log10()),
+        ssim: found.ssim.filter(|_| of_map > 0.0).map(|ssim| 1.0 - (1.0 - ssim) / of_map),
+        flip: Seen::of_8_bits(photograph.into()).flip(&Seen::of_8_bits(picture.into())) / all,
+        counted: mask.map(|_| all),
     })
 }
 
@@ -100,7 +130,8 @@ impl Evaluation {
             vec![one_line(name).into_owned(), psnr, ssim, flip, size]
         };
         let rows = self.views.iter().map(|score| {
-            let size = format!("{} x {}", score.width, score.height);
+            let counted = score.counted.map(|share| format!(", {:.1} % counted", 100.0 * share));
+            let size = format!("{} x {}{}", score.width, score.height, counted.unwrap_or_default());
             row(&score.view, Some(score.psnr()), score.ssim, Some(score.flip), size)
         });
         let Mean { psnr_db, ssim, flip } = self.mean;
@@ -125,8 +156,8 @@ mod tests {
     #[test]
     fn the_mean_is_of_decibels_and_a_view_without_a_number_leaves_none() {
         let scores = [
-            score("a.jpg", &grey(0.5), &grey(0.6)).unwrap(),
-            score("b.jpg", &grey(0.5), &grey(0.51)).unwrap(),
+            score("a.jpg", &grey(0.5), &grey(0.6), None).unwrap(),
+            score("b.jpg", &grey(0.5), &grey(0.51), None).unwrap(),
         ];
         let all = Evaluation::new(scores.to_vec(), Vec::new());
         assert!((all.mean.psnr_db.unwrap() - 30.0).abs() < 1e-4, "{all:?}");
@@ -135,7 +166,7 @@ mod tests {
             text.contains("a.jpg    20.00") && text.contains("mean     30.00") && text.ends_with("2 views\n"),
             "{text}"
         );
-        let equal = score("c.jpg", &grey(0.5), &grey(0.5)).unwrap();
+        let equal = score("c.jpg", &grey(0.5), &grey(0.5), None).unwrap();
         let all = Evaluation::new(vec![scores[0].clone(), equal], Vec::new());
         assert_eq!((all.mean.psnr_db, all.views[1].flip), (Some(f64::INFINITY), 0.0));
         let text = all.table();
@@ -145,5 +176,27 @@ mod tests {
         let part = Evaluation::new(scores.to_vec(), vec!["d.jpg".into()]);
         assert_eq!(part.mean, Mean { psnr_db: None, ssim: None, flip: None });
         assert!(part.table().contains("mean         -       -       -  2 of 3 views"), "{}", part.table());
+    }
+
+    #[test]
+    fn scores_of_a_mask_are_those_of_the_pixels_that_count() {
+        // Equal errors in all pixels: the mask changes nothing but the share, whatever is drawn elsewhere.
+        let (mut drawn, photograph) = (grey(0.6), grey(0.5));
+        let mask: Vec<bool> = (0..144).map(|at| at % 12 < 9).collect();
+        let whole = score("a", &drawn, &photograph, None).unwrap();
+        drawn
+            .rgb
+            .iter_mut()
+            .zip(&mask)
+            .filter(|(_, counts)| !**counts)
+            .for_each(|(pixel, _)| *pixel = [f32::NAN; 3]);
+        let part = score("a", &drawn, &photograph, Some(&mask)).unwrap();
+        assert!((part.psnr_db.unwrap() - whole.psnr_db.unwrap()).abs() < 1e-9, "{part:?}");
+        assert_eq!(part.counted, Some(0.75));
+        let same = score("a", &photograph, &photograph, Some(&mask)).unwrap();
+        assert_eq!((same.psnr_db, same.ssim, same.flip), (None, Some(1.0), 0.0));
+        let border: Vec<bool> = (0..144).map(|at| at < 9).collect();
+        let of_border = score("a", &drawn, &photograph, Some(&border)).unwrap();
+        assert_eq!(of_border.ssim, None, "no window has its centre there");
     }
 }

@@ -133,7 +133,7 @@ fn price(
         .iter()
         .zip(views)
         .zip(cameras)
-        .map(|((found, view), camera)| score(&camera.img_name, found, view))
+        .map(|((found, view), camera)| score(&camera.img_name, found, view, None))
         .collect();
     let scores = scores?;
     let least = scores.iter().filter_map(|score| score.psnr_db).reduce(f64::min);

@@ -116,7 +116,8 @@ pub fn request(args: &Args) -> Json {
     json!({
         "scene": options::text_of(&args.scene), "dataset": options::text_of(&args.cameras),
         "backend": args.backend.to_string(), "pipeline": graph,
-        "set": args.set, "repeat": args.repeat, "downscale": args.downscale, "photographs": args.photographs.as_deref().map(options::text_of), "all": args.all,
+        "set": args.set, "repeat": args.repeat, "downscale": args.downscale, "photographs": args.photographs.as_deref().map(options::text_of),
+        "masks": args.masks.as_deref().map(options::text_of), "all": args.all,
         "background": args.background, "ignore_tags": args.load.ignore_tags, "level": args.load.level,
     })
 }

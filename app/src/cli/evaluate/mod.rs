@@ -41,7 +41,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         progress.set(index as u64, views.len() as u64, &view.name);
         // Errors of the device and the disk end the run: they would repeat for each view.
         let score = match view.load(downscale, args.background) {
-            Ok((camera, photograph)) => {
+            Ok((camera, photograph, mask)) => {
                 let drawn = drawer.draw(&camera, args.background)?;
                 let scene = drawer.scene();
                 // A view whose exact picture does not fit in memory counts as one that sees splats.
@@ -50,7 +50,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
                     blind.push(in_scene);
                 }
                 save(args, stem, &drawn, &photograph)?;
-                view.score(&drawn, &photograph)
+                view.score(&drawn, &photograph, mask.as_deref())
             }
             Err(error) => Err(error),
         };

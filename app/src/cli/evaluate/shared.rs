@@ -1,7 +1,7 @@
 //! Scores views in several processes that share a folder (`evaluate --shard`), and merges their scores.
 
 use super::drawer::{self, Drawer, ORIGIN, as_json, request, save};
-use super::work::{Args, Work, prepare};
+use super::work::{Args, View, Work, prepare};
 use crate::cli::job::{self, Manifest};
 use crate::cli::options;
 use crate::cli::outcome::Usage;
@@ -23,13 +23,15 @@ use std::sync::Arc;
 pub struct Part {
     #[serde(flatten)]
     score: Score,
-    /// Hash of the photograph's file. A view whose photograph has another hash is scored again.
+    /// Hash of the files of the photograph and its mask. A view that has another hash is scored again.
     photograph: String,
 }
 
-fn hash_of(photograph: &Path) -> std::io::Result<String> {
+fn hash_of(view: &View) -> Result<String> {
     let mut hash = DefaultHasher::new();
-    hash.write(&own_file::read(photograph)?);
+    for file in [Some(view.photograph()?), view.mask()?].into_iter().flatten() {
+        hash.write(&own_file::read(file)?);
+    }
     Ok(text::hex(hash.finish()))
 }
 
@@ -94,11 +96,11 @@ impl job::Work for Views {
         for (index, &view) in views.iter().enumerate() {
             let (stem, view) = (&self.work.stems[view], &self.work.views[view]);
             progress.set(index as u64, views.len() as u64, &view.name);
-            let hash = hash_of(view.photograph()?)?;
+            let hash = hash_of(view)?;
             let background = self.args.background;
-            let (camera, photograph) = view.load(self.work.downscale, background)?;
+            let (camera, photograph, mask) = view.load(self.work.downscale, background)?;
             let drawn = drawer.draw(&camera, background)?;
-            let score = view.score(&drawn, &photograph)?;
+            let score = view.score(&drawn, &photograph, mask.as_deref())?;
             save(&self.args, stem, &drawn, &photograph)?;
             job::write_part(&self.folder, stem, &Part { score, photograph: hash })?;
         }
@@ -109,7 +111,7 @@ impl job::Work for Views {
         let scored = || -> Result<bool> {
             let part = own_file::read(&self.folder.join(job::part(&self.work.stems[view])))?;
             let part: Part = serde_json::from_slice(&part)?;
-            Ok(part.photograph == hash_of(self.work.views[view].photograph()?)?)
+            Ok(part.photograph == hash_of(&self.work.views[view])?)
         };
         scored().unwrap_or(false)
     }

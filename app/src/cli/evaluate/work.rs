@@ -44,6 +44,12 @@ pub struct Args {
     /// Folder of the photographs [default: the dataset's]
     #[arg(long, value_name = "DIR")]
     pub photographs: Option<PathBuf>,
+    /// Folder of masks: pixels that are black in a photograph's mask are not scored
+    ///
+    /// A mask is a PNG or JPEG of the photograph's shape and name, with another extension or with .png appended, as for
+    /// COLMAP. Grey above one half counts. A view without a mask has no score.
+    #[arg(long, value_name = "DIR")]
+    pub masks: Option<PathBuf>,
     /// Compare at 1/N of the photographs' width and height
     ///
     /// Uses the photographs in a folder images_N beside images/ if that folder exists (for a transforms.json, beside
@@ -87,6 +93,8 @@ pub struct Args {
 pub struct View {
     pub name: String,
     pub photograph: std::io::Result<PathBuf>,
+    /// Mask of the photograph; `None` without `--masks`.
+    pub mask: Option<std::io::Result<PathBuf>>,
     /// Camera as in the dataset, at its own picture size.
     pub camera: Camera,
 }
@@ -123,21 +131,51 @@ impl View {
         Ok(camera)
     }
 
-    /// Returns the camera of the picture to draw, and the photograph at the picture's size.
+    pub fn mask(&self) -> Result<Option<&Path>> {
+        let mask = self.mask.as_ref().map(|mask| mask.as_deref().map_err(|error| anyhow!("{error}")));
+        mask.transpose()
+    }
+
+    /// Reads the mask: true for the pixels of the picture that count. `None` without `--masks`.
+    fn counts(&self, (width, height): (usize, usize)) -> Result<Option<Vec<bool>>> {
+        let Some(path) = self.mask()? else { return Ok(None) };
+        let own = Image::photograph_size(path)?;
+        let photograph = Image::photograph_size(self.photograph()?)?;
+        // Masks may be smaller than photographs, or larger: those of reduced photographs often have the full size.
+        if (own.0 as f64 * photograph.1 as f64 / photograph.0 as f64 - own.1 as f64).abs() > 1.0 {
+            let text = |(width, height): (usize, usize)| format!("{width} x {height}");
+            bail!(
+                "{}: expected a mask of the shape of {}, found {}",
+                path.display(),
+                text(photograph),
+                text(own)
+            );
+        }
+        let mask = Image::load_photograph(path, [0.0; 3])?;
+        let mask = if own == (width, height) { mask } else { mask.averaged(width, height) };
+        let counts: Vec<bool> = mask.rgb.iter().map(|[grey, ..]| *grey > 0.5).collect();
+        if !counts.contains(&true) {
+            bail!("{}: expected a mask with pixels that count, found only black", path.display());
+        }
+        Ok(Some(counts))
+    }
+
+    /// Returns the camera of the picture to draw, the photograph at the picture's size, and the pixels that count, if
+    /// there is a mask.
     ///
     /// # Errors
-    /// See [`View::drawn`]; also, the photograph may be damaged.
-    pub fn load(&self, downscale: u32, background: [f32; 3]) -> Result<(Camera, Image)> {
+    /// See [`View::drawn`]; also, the photograph or the mask may be damaged, or the mask have another shape.
+    pub fn load(&self, downscale: u32, background: [f32; 3]) -> Result<(Camera, Image, Option<Vec<bool>>)> {
         let camera = self.drawn(downscale)?;
         let (width, height) = (camera.width as usize, camera.height as usize);
         let photograph = Image::load_photograph(self.photograph()?, background)?;
         let same = (photograph.width, photograph.height) == (width, height);
         let photograph = if same { photograph } else { photograph.averaged(width, height) };
-        Ok((camera, photograph))
+        Ok((camera, photograph, self.counts((width, height))?))
     }
 
-    pub fn score(&self, drawn: &Image, photograph: &Image) -> Result<Score> {
-        let found = score(&self.name, drawn, photograph);
+    pub fn score(&self, drawn: &Image, photograph: &Image, mask: Option<&[bool]>) -> Result<Score> {
+        let found = score(&self.name, drawn, photograph, mask);
         found.with_context(|| format!("{} cannot be scored", one_line(&self.name)))
     }
 }
@@ -188,7 +226,9 @@ pub fn prepare(args: &Args) -> Result<Work> {
     };
     cameras::tell_alignment(&dataset);
     cameras::tell_off_center(dataset.views.iter().map(|view| &view.camera));
-    cameras::tell_masks(&dataset);
+    if args.masks.is_none() {
+        cameras::tell_masks(&dataset);
+    }
     if let Some(name) = dataset.unmatched.first().filter(|_| !args.all) {
         let more = match dataset.unmatched.len() - 1 {
             0 => String::new(),
@@ -237,14 +277,35 @@ pub fn prepare(args: &Args) -> Result<Work> {
             bail!("{}: {error}", one_line(&view.photograph));
         }
     }
+    let mask = |folder: &Path, view: &splatgraph_assets::View| {
+        cameras::beside_photograph(folder, view).ok_or_else(|| {
+            let name = one_line(&view.photograph).into_owned();
+            std::io::Error::other(format!("expected the mask {name}.png in {}, found none", folder.display()))
+        })
+    };
     let view = |view: &splatgraph_assets::View| View {
         name: view.photograph.clone(),
         photograph: Dataset::photograph_in(folder, view),
+        mask: args.masks.as_deref().map(|masks| mask(masks, view)),
         camera: view.camera.clone(),
     };
     let views: Vec<View> = chosen.into_iter().map(view).collect();
     if views.iter().all(|view| view.photograph.is_err()) {
         views[0].photograph()?;
+    }
+    if views.iter().all(|view| view.mask().is_err()) {
+        views[0].mask()?;
+    }
+    let is_photograph = |view: &&View| {
+        let real = |path: Option<&Path>| path.and_then(|path| path.canonicalize().ok());
+        let mask = real(view.mask().ok().flatten());
+        mask.is_some() && mask == real(view.photograph().ok())
+    };
+    if let Some(view) = views.iter().find(is_photograph) {
+        bail!(
+            "{}: expected a folder of masks for --masks, found the photograph",
+            view.photograph()?.display()
+        );
     }
     let names: Vec<String> = views.iter().map(|view| view.camera.img_name.clone()).collect();
     let stems = names::unique(&names, MAX_NAME_BYTES - ".png".len());
@@ -254,6 +315,9 @@ pub fn prepare(args: &Args) -> Result<Work> {
         cameras::claim_dataset(&mut guard, &dataset)?;
         if dataset.photographs.as_ref() != Some(folder) {
             cameras::claim_photographs(&mut guard, folder, &found.views)?;
+        }
+        for mask in views.iter().filter_map(|view| view.mask().ok().flatten()) {
+            guard.input("a mask", mask)?;
         }
         guard.input("the graph", Path::new(&args.pipeline))?;
         args.json.iter().try_for_each(|path| guard.output("--json", path))?;

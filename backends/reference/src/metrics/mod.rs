@@ -62,8 +62,8 @@ impl ImageRef<'_> {
 
 /// Number of rows of a band. Bands are measured in parallel, each in a few megabytes.
 const BAND: usize = 64;
-/// Radius of SSIM's window: 11 x 11.
-const RADIUS: usize = 5;
+/// Radius of SSIM's window, in pixels: 11 x 11. Its map lacks a border of this width.
+pub const SSIM_RADIUS: usize = 5;
 /// Standard deviation of SSIM's window, in pixels.
 const SIGMA: f64 = 1.5;
 
@@ -236,14 +236,14 @@ pub fn worst_pixel(a: ImageRef, b: ImageRef) -> WorstPixel {
 pub fn ssim(a: ImageRef, b: ImageRef) -> Option<f64> {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
     let width = a.width;
-    let (columns, rows) = (width.checked_sub(2 * RADIUS)?, a.height.checked_sub(2 * RADIUS)?);
+    let (columns, rows) = (width.checked_sub(2 * SSIM_RADIUS)?, a.height.checked_sub(2 * SSIM_RADIUS)?);
     if columns == 0 || rows == 0 {
         return None;
     }
     let window = gaussian_window();
     let of_band = |top: usize| -> Vec<f64> {
         let band = top..(top + BAND).min(rows);
-        let pixels = top * width..(band.end + 2 * RADIUS) * width;
+        let pixels = top * width..(band.end + 2 * SSIM_RADIUS) * width;
         let channels = |image: ImageRef| -> [Vec<f64>; 3] {
             [0, 1, 2].map(|c| image.rgb.range(pixels.clone()).map(|pixel| shown(pixel[c])).collect())
         };
@@ -260,9 +260,9 @@ pub fn ssim(a: ImageRef, b: ImageRef) -> Option<f64> {
     Some(sums.iter().sum::<f64>() / (3 * columns * rows) as f64)
 }
 
-fn gaussian_window() -> [f64; 2 * RADIUS + 1] {
-    let mut window: [f64; 2 * RADIUS + 1] =
-        std::array::from_fn(|i| (-(i as f64 - RADIUS as f64).powi(2) / (2.0 * SIGMA * SIGMA)).exp());
+fn gaussian_window() -> [f64; 2 * SSIM_RADIUS + 1] {
+    let mut window: [f64; 2 * SSIM_RADIUS + 1] =
+        std::array::from_fn(|i| (-(i as f64 - SSIM_RADIUS as f64).powi(2) / (2.0 * SIGMA * SIGMA)).exp());
     let sum: f64 = window.iter().sum();
     window.iter_mut().for_each(|w| *w /= sum);
     window
@@ -274,7 +274,7 @@ fn gaussian_window() -> [f64; 2 * RADIUS + 1] {
 fn ssim_row(
     [a, b]: [&[f64]; 2],
     (top, width): (usize, usize),
-    window: &[f64; 2 * RADIUS + 1],
+    window: &[f64; 2 * SSIM_RADIUS + 1],
     moments: &mut [Vec<f64>; 5],
 ) -> f64 {
     const C1: f64 = 0.01 * 0.01;
@@ -297,7 +297,7 @@ fn ssim_row(
             mab[x] += weight * (a * b);
         }
     }
-    let (columns, mut sum) = (width - 2 * RADIUS, 0.0);
+    let (columns, mut sum) = (width - 2 * SSIM_RADIUS, 0.0);
     for at in (0..columns).step_by(LANES) {
         let means = moments.each_ref().map(|moment| weighted(window, |tap| &moment[at + tap..][..LANES]));
         for lane in 0..LANES.min(columns - at) {
