@@ -46,6 +46,8 @@ impl Msl {
 
     /// Maximum number of textures of a function (Apple, "Metal Feature Set Tables").
     pub const MAX_TEXTURES: u32 = 128;
+    /// Maximum number of textures in a function's arguments that it may both read and write, by Apple's compiler.
+    pub const MAX_READ_WRITE_TEXTURES: u32 = 8;
 
     /// Maximum bytes of push constants, which Metal copies with the command: "smaller than 4 KB" (Apple, `setBytes`).
     pub const MAX_PUSH_BYTES: u32 = 4095;

@@ -6,11 +6,13 @@
 //!
 //! To run the function, a backend needs:
 //!
-//! - `MTLCompileOptions` of [`VERSION`] without fast math, because keys and culling depend on exact rounding;
+//! - `MTLCompileOptions` of [`VERSION`] without fast math, so that NaN and the order of operations stay. It does not
+//!   prevent contraction, which only `precise` does;
 //! - a pipeline whose `threadExecutionWidth` is the plan's subgroup size, because the text contains it as a constant;
 //! - buffers with the push constants and sizes at the indices [`Msl::push`] and [`Msl::sizes`];
 //! - no flip of the y axis: the vertex function returns positions with y upwards, as in Metal's clip space.
 
+mod refusals;
 #[cfg(all(test, feature = "glslang"))]
 mod tests;
 
@@ -123,6 +125,7 @@ fn translate(shader: &Shader, lanes: u32) -> Result<Msl, String> {
     let places = places(reflection);
     check(&places, false, reflection)?;
     check_images(reflection)?;
+    refusals::check(&shader.spirv, reflection.stage, &places)?;
     let stage = match reflection.stage {
         ShaderStage::Vertex => ExecutionModel::Vertex,
         ShaderStage::Fragment => ExecutionModel::Fragment,

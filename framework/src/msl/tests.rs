@@ -133,6 +133,7 @@ fn refusal(declarations: &str, body: &str) -> String {
     let text = format!(
         "#version 460
         #extension GL_KHR_shader_subgroup_arithmetic : require
+        #extension GL_KHR_memory_scope_semantics : require
         layout(local_size_x = 64) in;
         layout(binding = 60, std430) buffer B0 {{ uint b0[]; }};
         layout(binding = 0, r32ui) uniform uimage2D counts;
@@ -162,6 +163,43 @@ fn atomics_on_images_are_refused_by_the_images_name_if_the_code_reaches_them() {
     assert!(error.starts_with("the shader `paint.comp`"), "{error}");
     assert!(error.contains("found atomics on the image `counts`"), "{error}");
     assert_eq!(refusal(count, "b0[0] = atomicAdd(b0[1], imageLoad(counts, ivec2(0)).x);"), "");
+}
+
+#[test]
+fn a_memory_order_that_metal_lacks_is_refused_and_barriers_of_a_threadgroup_are_not() {
+    let atomic = |order: &str| {
+        let load = format!("atomicLoad(b0[1], gl_ScopeDevice, {order})");
+        refusal("", &format!("b0[0] = {load};"))
+    };
+    assert_eq!(atomic("0, gl_SemanticsRelaxed"), "");
+    assert!(
+        atomic("gl_StorageSemanticsBuffer, gl_SemanticsAcquire")
+            .contains("found one with acquire or release")
+    );
+    for (body, is_refused) in [
+        ("b0[0] = atomicAdd(b0[1], 1); memoryBarrierShared(); barrier(); b0[2] = b0[1];", false),
+        ("b0[0] = 1; memoryBarrierBuffer(); memoryBarrierShared(); barrier(); b0[2] = b0[1];", false),
+        ("b0[0] = 1; memoryBarrierBuffer(); b0[2] = atomicAdd(b0[1], 1);", true),
+        ("b0[0] = 1; memoryBarrier();", true),
+    ] {
+        assert_eq!(refusal("", body).contains("found one elsewhere"), is_refused, "{body}");
+    }
+}
+
+#[test]
+fn more_images_that_are_read_and_written_than_a_function_may_have_are_refused() {
+    let of = |count: usize, qualifier: &str| {
+        let declarations: String = (1..count)
+            .map(|at| format!("layout(binding = {at}, r32ui) uniform {qualifier} uimage2D i{at};"))
+            .collect();
+        let stores =
+            (1..count).map(|at| format!("imageStore(i{at}, ivec2(0), uvec4({at}));")).collect::<String>();
+        refusal(&declarations, &format!("{stores} imageStore(counts, ivec2(0), uvec4(b0[0]));"))
+    };
+    assert_eq!((of(8, ""), of(9, "writeonly")), (String::new(), String::new()));
+    assert!(
+        of(9, "").ends_with("expected at most 8 images that are neither `readonly` nor `writeonly`, found 9")
+    );
 }
 
 #[test]

@@ -214,12 +214,12 @@ fn sampler(device: &DeviceRef, filter: MTLSamplerMinMagFilter) -> SamplerState {
     device.new_sampler(&descriptor)
 }
 
-/// Compiles a library. Fast math is off, because shaders depend on exact rounding.
+/// Compiles a library. Without fast math, NaN and the order of operations stay; only `precise` prevents contraction.
 pub(crate) fn library(device: &DeviceRef, source: &str, name: &str) -> Result<Library, BackendError> {
     let options = CompileOptions::new();
     options.set_fast_math_enabled(false);
     options.set_language_version(MTLLanguageVersion::V2_4);
-    // Makes the vertex functions of different pipelines compute identical positions.
+    // Honours `invariant gl_Position`, so that such vertex functions of different pipelines compute identical positions.
     options.set_preserve_invariance(true);
     let library = device.new_library_with_source(source, &options).map_err(|answer| BackendError::Api {
         call: "newLibraryWithSource",

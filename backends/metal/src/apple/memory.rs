@@ -90,9 +90,10 @@ impl Drop for Memory {
     }
 }
 
-/// Returns a buffer's length in bytes, rounded up because shaders and fills access whole words.
+/// Returns a buffer's length in bytes. It is rounded up, because shaders and fills access whole words, and Metal's
+/// validation expects the size of a function's struct, which is a multiple of its largest member's alignment, up to 16.
 fn length(desc: &BufferDesc) -> u64 {
-    desc.bytes.next_multiple_of(4)
+    desc.bytes.next_multiple_of(16)
 }
 
 pub(crate) fn buffer_requirements(gpu: &MetalGpu, desc: &BufferDesc) -> Requirements {
