@@ -229,14 +229,26 @@ impl<'a> Done<'a> {
 pub(crate) enum Source<'a> {
     Bytes(&'a [u8]),
     File(&'a OpenFile),
+    /// The bytes of a file from an offset on, and their number.
+    Part(&'a OpenFile, u64, u64),
 }
 
 impl Source<'_> {
+    /// Returns `length` bytes from offset `start` on, which must lie within the source.
+    pub(crate) fn part(self, start: u64, length: u64) -> Self {
+        match self {
+            Self::Bytes(bytes) => Self::Bytes(&bytes[start as usize..][..length as usize]),
+            Self::File(file) => Self::Part(file, start, length),
+            Self::Part(file, first, _) => Self::Part(file, first + start, length),
+        }
+    }
+
     /// Returns the length in bytes; for a file, when it was opened.
     pub(crate) fn length(&self) -> u64 {
         match self {
             Self::Bytes(bytes) => bytes.len() as u64,
             Self::File(file) => file.length,
+            Self::Part(_, _, length) => *length,
         }
     }
 
@@ -250,6 +262,11 @@ impl Source<'_> {
                 Ok(())
             }
             Self::File(file) => file.read(at, buffer),
+            Self::Part(file, start, length) => {
+                let end = at.checked_add(buffer.len() as u64);
+                end.filter(|end| end <= length).ok_or_else(ended)?;
+                file.read(start + at, buffer)
+            }
         }
     }
 

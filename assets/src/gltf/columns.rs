@@ -65,7 +65,7 @@ impl<'a> Column<'a> {
             fault(format!("expected the componentType 5120 to 5123 or 5126, found {found}"))
         })?;
         let view = accessor.buffer_view.ok_or_else(|| fault("expected a bufferView, found none".into()))?;
-        let (source, start, view) = container.view(view)?;
+        let (source, view) = container.view(view)?;
         let size = (width * component.scalar.size()) as u64;
         let stride = view.byte_stride.unwrap_or(size);
         if !(size..=252).contains(&stride) {
@@ -80,8 +80,8 @@ impl<'a> Column<'a> {
                 view.byte_length
             )));
         }
-        let (start, stride, width) = (start + byte_offset, stride as usize, size as usize);
-        Ok(Self { table: Table { source, start, stride, width }, component, count })
+        let (stride, width) = (stride as usize, size as usize);
+        Ok(Self { table: Table { source, start: byte_offset, stride, width }, component, count })
     }
 
     /// Measures the values of the attribute `name`, which loses the extension's prefix.

@@ -142,9 +142,8 @@ impl<'a> Container<'a> {
         Ok(Self { document, file_bytes, header_bytes, encoding_bytes, buffers })
     }
 
-    /// Finds the bytes of a buffer view: their source, the offset in it and the view. Fails if the view exceeds its
-    /// buffer.
-    pub(super) fn view(&self, index: usize) -> Result<(Source<'_>, u64, &BufferView), SceneError> {
+    /// Returns a buffer view and its bytes. Fails if the view exceeds its buffer.
+    pub(super) fn view(&self, index: usize) -> Result<(Source<'_>, &BufferView), SceneError> {
         let view = item(&self.document.buffer_views, index, "bufferView")?;
         let (bytes, length) = item(&self.buffers, view.buffer, "bufferViews.buffer")?;
         let end = view.byte_offset.checked_add(view.byte_length);
@@ -160,7 +159,7 @@ impl<'a> Container<'a> {
             Bytes::Memory(bytes) => (Source::Bytes(bytes), 0),
             Bytes::File(file) => (Source::File(file), 0),
         };
-        Ok((source, start + view.byte_offset, view))
+        Ok((source.part(start + view.byte_offset, view.byte_length), view))
     }
 }
 

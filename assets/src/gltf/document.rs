@@ -14,6 +14,9 @@ pub(super) const SPLATTING: &str = "KHR_gaussian_splatting";
 /// Name of the first extension with an SPZ file, in 3D Tiles of 2025. It is the primitive's only one.
 const FIRST_SPZ: &str = "KHR_spz_gaussian_splats_compression";
 
+/// Maximum number of primitives of splats over all nodes. A node with many primitives is a few bytes of JSON.
+const MAX_PLACED: usize = 1 << 17;
+
 /// The error for other drafts of the extension.
 pub(super) const DRAFT: SceneError = SceneError::Unsupported {
     format: "a glTF scene of an early draft of KHR_gaussian_splatting",
@@ -265,35 +268,50 @@ impl Document {
     }
 
     /// Lists the primitives of splats in the scene, once per node that places them. Also counts the other primitives,
-    /// those of meshes. Fails if there are no splats.
+    /// those of meshes. Fails if there are no splats, or more than [`MAX_PLACED`] primitives of them.
     pub(super) fn splats(&self) -> Result<(Vec<Splats<'_>>, u64), SceneError> {
+        // Primitives of splats by mesh, so that a node does not search its mesh again.
+        let splats_of: Vec<Vec<&Primitive>> = self.meshes.iter().map(Mesh::splats).collect();
         let (mut found, mut others) = (Vec::new(), 0);
         for (index, place) in self.placed()? {
             let Some(mesh) = self.nodes[index].mesh else { continue };
-            for primitive in &item(&self.meshes, mesh, "nodes.mesh")?.primitives {
+            let splats = item(&splats_of, mesh, "nodes.mesh")?;
+            others += (self.meshes[mesh].primitives.len() - splats.len()) as u64;
+            let count = found.len() + splats.len();
+            if count > MAX_PLACED {
+                let text =
+                    format!("expected at most {MAX_PLACED} primitives of splats, found {count} or more");
+                return Err(wrong(format!("nodes[{index}]"), text));
+            }
+            for primitive in splats {
                 let Extensions { splatting, first_spz } = &primitive.extensions;
-                if splatting.is_some() || first_spz.is_some() {
-                    if primitive.mode.is_some_and(|mode| mode != 0) {
-                        return Err(wrong("primitives.mode", "expected 0 (points), found another"));
-                    }
-                    let splatting = splatting.as_ref().map(Splatting::check).transpose()?;
-                    let (spz, key_of) = splatting.unwrap_or((None, SortKey::Distance));
-                    let spz = spz.or(first_spz.as_ref().and_then(|spz| spz.buffer_view));
-                    if spz.is_none() && primitive.attributes.contains_key("_ROTATION") {
-                        return Err(DRAFT);
-                    }
-                    let place = Similarity::of_matrix(place)
-                        .map_err(|text| wrong(format!("nodes[{index}]"), text))?;
-                    found.push(Splats { primitive, spz, key_of, place });
-                } else {
-                    others += 1;
+                if primitive.mode.is_some_and(|mode| mode != 0) {
+                    return Err(wrong("primitives.mode", "expected 0 (points), found another"));
                 }
+                let splatting = splatting.as_ref().map(Splatting::check).transpose()?;
+                let (spz, key_of) = splatting.unwrap_or((None, SortKey::Distance));
+                let spz = spz.or(first_spz.as_ref().and_then(|spz| spz.buffer_view));
+                if spz.is_none() && primitive.attributes.contains_key("_ROTATION") {
+                    return Err(DRAFT);
+                }
+                let place =
+                    Similarity::of_matrix(place).map_err(|text| wrong(format!("nodes[{index}]"), text))?;
+                found.push(Splats { primitive, spz, key_of, place });
             }
         }
         match found.is_empty() {
             true => Err(SceneError::NotScene { found: "a glTF model without Gaussian splats".into() }),
             false => Ok((found, others)),
         }
+    }
+}
+
+impl Mesh {
+    fn splats(&self) -> Vec<&Primitive> {
+        let is_splats = |primitive: &&Primitive| {
+            primitive.extensions.splatting.is_some() || primitive.extensions.first_spz.is_some()
+        };
+        self.primitives.iter().filter(is_splats).collect()
     }
 }
 

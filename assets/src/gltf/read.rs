@@ -12,6 +12,8 @@ use crate::similarity::Similarity;
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use crate::spz;
 use glam::DQuat;
+use std::collections::hash_map::Entry;
+use std::collections::{HashMap, HashSet};
 use std::f64::consts::PI;
 use std::path::Path;
 
@@ -53,24 +55,41 @@ fn splats_header(document: &Document, splats: &Splats) -> SceneHeader {
     SceneHeader { count, stored_degree: file_degree(splats.primitive).min(3) }
 }
 
-/// Reads a primitive; also returns the bytes of each kind of value.
-fn primitive(
-    input: &Input,
-    container: &Container,
-    splats: &Splats,
-) -> Result<(Scene, Vec<FieldSize>), SceneError> {
-    if let Some(view) = splats.spz {
-        return packed(input, container, view, splats.place);
-    }
-    let file_degree = file_degree(splats.primitive);
-    let degree = file_degree.min(3);
+/// Opens the attributes of a primitive that are read, up to harmonics of `degree`. Also returns their names.
+fn columns<'a>(
+    container: &'a Container,
+    primitive: &Primitive,
+    degree: u32,
+) -> Result<(Vec<Column<'a>>, Vec<String>), SceneError> {
     let (mut columns, mut names) = (Vec::new(), Vec::new());
     for (name, width) in attributes(degree) {
-        let index = splats.primitive.attributes.get(&name).copied();
+        let index = primitive.attributes.get(&name).copied();
         let index = index.ok_or_else(|| wrong("attributes", format!("expected {name}, found none")))?;
         columns.push(Column::open(container, &name, index, width)?);
         names.push(name);
     }
+    Ok((columns, names))
+}
+
+/// Measures the bytes of each kind of value of a primitive.
+fn sizes(container: &Container, splats: &Splats) -> Result<Vec<FieldSize>, SceneError> {
+    if let Some(view) = splats.spz {
+        let (bytes, _) = container.view(view)?;
+        return Ok(vec![FieldSize::whole("spz", "file", bytes.length())]);
+    }
+    let (columns, names) = columns(container, splats.primitive, file_degree(splats.primitive).min(3))?;
+    let fields = columns.iter().zip(&names).map(|(column, name)| column.size(name));
+    let is_other = |(name, _): &(&String, &usize)| !names.contains(name);
+    let others = splats.primitive.attributes.iter().filter(is_other);
+    let others = others.filter_map(|(name, index)| unread(container, name, *index));
+    Ok(fields.chain(others).collect())
+}
+
+/// Reads a primitive without SPZ.
+fn plain(input: &Input, container: &Container, splats: &Splats) -> Result<Scene, SceneError> {
+    let file_degree = file_degree(splats.primitive);
+    let degree = file_degree.min(3);
+    let (columns, names) = columns(container, splats.primitive, degree)?;
     let count = columns[0].count;
     if let Some((column, name)) = columns.iter().zip(&names).find(|(column, _)| column.count != count) {
         let text = format!("expected {count} elements, as of POSITION, found {}", column.count);
@@ -88,14 +107,10 @@ fn primitive(
         transform.apply(&mut splat);
         out.push_clamped(&splat, norm);
     })?;
-    let fields = columns.iter().zip(&names).map(|(column, name)| column.size(name));
-    let is_other = |(name, _): &(&String, &usize)| !names.contains(name);
-    let others = splats.primitive.attributes.iter().filter(is_other);
-    let others = others.filter_map(|(name, index)| unread(container, name, *index));
     let cut_degree = (file_degree > 3).then_some(file_degree);
     let notes = FileNotes { cut_degree, ..FileNotes::default() };
     let scene = input::finish(filled, count, SizeBreakdown::default(), notes)?;
-    Ok((scene.with_offset(transform.offset()), fields.chain(others).collect()))
+    Ok(scene.with_offset(transform.offset()))
 }
 
 /// Measures an attribute that is not read; `None` if its accessor is of no type that [`Column::open`] accepts.
@@ -143,45 +158,65 @@ fn is_logarithmic(scales: &Column) -> Result<bool, SceneError> {
     Ok(false)
 }
 
+/// Unpacks the SPZ file in a buffer view once, and places its splats as each of `group` does.
 fn packed(
     input: &Input,
     container: &Container,
     view: usize,
-    place: Similarity,
-) -> Result<(Scene, Vec<FieldSize>), SceneError> {
-    let (source, start, view) = container.view(view)?;
-    let bytes = source.bytes(start, view.byte_length as usize)?;
-    let scene = spz::parse(&Input { source: &Source::Bytes(&bytes), ..*input })?;
-    let fields = vec![FieldSize::whole("spz", "file", view.byte_length)];
-    if place == Similarity::IDENTITY {
-        return Ok((scene, fields));
+    group: &[(usize, Splats)],
+) -> Result<Vec<Scene>, SceneError> {
+    let (source, _) = container.view(view)?;
+    let scene = spz::parse(&Input { source: &source, ..*input })?;
+    if group.len() == 1 && group[0].1.place == Similarity::IDENTITY {
+        return Ok(vec![scene]);
     }
-    // `place` is in the axes of glTF, half a turn about z from those of a scene.
+    // A place is in the axes of glTF, half a turn about z from those of a scene.
     let half = Similarity { rotation: DQuat::from_rotation_z(PI), ..Similarity::IDENTITY };
-    let by = half.then(place).then(half);
-    Ok((scene.transformed(&by)?, fields))
+    let by = |place| if place == Similarity::IDENTITY { place } else { half.then(place).then(half) };
+    let done = Done::new(group.len() as u64, input.progress)?;
+    let placed = group.iter().map(|(_, splats)| {
+        done.add(1)?;
+        Ok(scene.transformed(&by(splats.place))?)
+    });
+    placed.collect()
+}
+
+/// Returns the header of each placed primitive. That of an SPZ file is read once.
+fn headers(container: &Container, all: &[(usize, Splats)]) -> Result<Vec<SceneHeader>, SceneError> {
+    let mut known = HashMap::new();
+    let header = |(_, splats): &(usize, Splats)| match splats.spz.map(|view| (view, known.entry(view))) {
+        None => Ok(splats_header(&container.document, splats)),
+        Some((_, Entry::Occupied(known))) => Ok(*known.get()),
+        Some((view, Entry::Vacant(unknown))) => Ok(*unknown.insert(spz::header(&container.view(view)?.0)?)),
+    };
+    all.iter().map(header).collect()
 }
 
 /// Parses the splats of a glTF file. `path` locates the buffers beside it.
 pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
     let container = Container::open(input.source, path)?;
     let (all, mesh_primitives) = container.document.splats()?;
-    // Several nodes can place one primitive.
-    let plain = all.iter().filter(|splats| splats.spz.is_none());
-    let headers: Vec<_> = plain.map(|splats| splats_header(&container.document, splats)).collect();
-    SceneHeader::check_joined(&headers, 0, input.memory)?;
-    let (mut scenes, mut fields) = (Vec::new(), Vec::new());
-    for splats in &all {
-        let (scene, sizes) = primitive(input, &container, splats)?;
-        // Nodes with the same mesh share its bytes.
-        let mut before = all[..scenes.len()].iter();
-        if !before.any(|other| std::ptr::eq(other.primitive, splats.primitive)) {
-            fields.extend(sizes);
+    // Several nodes can place one primitive, or one SPZ file, which is unpacked once.
+    let mut all: Vec<_> = all.into_iter().enumerate().collect();
+    all.sort_by_key(|(_, splats)| splats.spz);
+    SceneHeader::check_joined(&headers(&container, &all)?, 0, input.memory)?;
+    let (mut scenes, mut fields, mut measured) = (Vec::new(), Vec::new(), HashSet::new());
+    for group in all.chunk_by(|(_, a), (_, b)| a.spz.is_some() && a.spz == b.spz) {
+        let placed = match group[0].1.spz {
+            Some(view) => packed(input, &container, view, group)?,
+            None => vec![plain(input, &container, &group[0].1)?],
+        };
+        for ((at, splats), scene) in group.iter().zip(placed) {
+            // Nodes with the same mesh share its bytes.
+            if measured.insert(std::ptr::from_ref(splats.primitive)) {
+                fields.extend(sizes(&container, splats)?);
+            }
+            let notes = FileNotes { key_of: splats.key_of, ..scene.notes() };
+            scenes.push((*at, scene.with_notes(notes)));
         }
-        let notes = FileNotes { key_of: splats.key_of, ..scene.notes() };
-        scenes.push(scene.with_notes(notes));
     }
-    let scene = Scene::of_one_file(scenes)?;
+    scenes.sort_by_key(|(at, _)| *at);
+    let scene = Scene::of_one_file(scenes.into_iter().map(|(_, scene)| scene).collect())?;
     let Container { file_bytes, header_bytes, encoding_bytes, .. } = &container;
     let (file_bytes, header_bytes, encoding_bytes) = (*file_bytes, *header_bytes, *encoding_bytes);
     let within = file_bytes - header_bytes - encoding_bytes;

@@ -3,6 +3,8 @@
 #[path = "../../../tests/glb_file.rs"]
 mod glb_file;
 
+use crate::error::SceneError;
+use crate::input::{Input, Source};
 use crate::scene::{Scene, SortKey};
 use crate::testing::{says, splat, written};
 use crate::{QUIET, SceneFormat};
@@ -138,6 +140,43 @@ fn spz_inside_gives_the_splats_of_the_file() {
     document["extensionsRequired"] = json!([first]);
     document["meshes"][0]["primitives"][0]["extensions"] = json!({ first: { "bufferView": 0 } });
     is_same(&document);
+}
+
+#[test]
+fn nodes_that_place_one_spz_file_are_counted_before_it_is_unpacked() {
+    let scene = Scene::generate(500, 0, splat);
+    let (mut document, binary) = parts(&glb_file::around_spz(&written(&scene, SceneFormat::Spz)));
+    let moved = json!({ "mesh": 0, "translation": [9.0, 0.0, 0.0] });
+    document["nodes"] = json!(vec![json!({ "mesh": 0 }), moved.clone(), moved]);
+    document["nodes"].as_array_mut().unwrap().resize(200, json!({ "mesh": 0 }));
+    document["scenes"] = json!([{ "nodes": (0..200).collect::<Vec<_>>() }]);
+    let glb = glb_file::joined(&document, &binary);
+    let with = |memory: u64| {
+        let input = Input { source: &Source::Bytes(&glb), memory: Some(memory), progress: QUIET };
+        super::parse(&input, None)
+    };
+    let found = with(64 << 20).unwrap();
+    // The last node comes first.
+    let alone = Scene::parse(&written(&scene, SceneFormat::Spz), QUIET).unwrap();
+    assert_eq!((found.count(), &found.positions()[..500]), (100_000, alone.positions()));
+    assert_eq!(found.positions()[198 * 500][0], alone.positions()[0][0] - 9.0);
+    assert_eq!(found.size_breakdown().elements[0].fields.len(), 1);
+    let said = with(12 << 20).unwrap_err();
+    assert!(matches!(&said, SceneError::Memory(error) if error.count == 100_000), "{said}");
+}
+
+#[test]
+fn primitives_of_splats_are_counted_over_all_nodes() {
+    let with = |nodes: usize, primitives: usize| {
+        changed(|document| {
+            let list = document["meshes"][0]["primitives"].as_array_mut().unwrap();
+            list.resize(primitives, list[0].clone());
+            document["nodes"] = json!(vec![json!({ "mesh": 0 }); nodes]);
+            document["scenes"] = json!([{ "nodes": (0..nodes).collect::<Vec<_>>() }]);
+        })
+    };
+    assert_eq!(with(300, 2).unwrap().count(), 3000);
+    says(with(400, 400).unwrap_err(), "expected at most 131072 primitives of splats, found 131200 or more");
 }
 
 #[test]
