@@ -4,11 +4,14 @@
 //! (lists of fields), paths (the tree of prims and attributes) and specs (the kind and the field set of a path). A
 //! value has 64 bits: its type, three flags, and either the value itself or its offset.
 
-use super::layer::{ARCS, Array, Attribute, Bytes, Kind, Layer, Numbers, Prim, Value, kind_of};
+use super::layer::{ARCS, Array, Attribute, Bytes, Kind, Layer, Numbers, Prim, Value, check_memory, kind_of};
 use super::packing::Cursor;
 use crate::error::{SceneError, field};
 use crate::scalar::Scalar;
 use crate::words::bytes_at;
+use std::cell::{Cell, RefCell};
+use std::collections::HashMap;
+use std::sync::Arc;
 
 pub(crate) const MAGIC: &[u8; 8] = b"PXR-USDC";
 
@@ -20,6 +23,16 @@ const SECTION: usize = 32;
 const MAX_SECTIONS: u64 = 64;
 
 const MAX_TOKENS: u64 = 64 << 20;
+
+/// Maximum length of a name, in bytes. Tokens that are values of strings can be longer.
+const MAX_NAME: usize = 4096;
+
+/// Maximum number of fields of a path, on average. OpenUSD defines about 40 for a prim.
+const MAX_FIELDS: usize = 64;
+
+/// Upper bound of the memory for a path without its name and its value, in bytes. Two paths, a prim and its first
+/// attribute, take 2000.
+const PATH: u64 = 1 << 10;
 
 /// Arrays with fewer elements are stored raw, even if flagged as compressed.
 const MIN_PACKED: u64 = 16;
@@ -101,7 +114,17 @@ struct Sections<'a, 'b> {
     paths: Vec<Path>,
     /// Kind and field set of each path; 0 without a spec.
     specs: Vec<(u32, u32)>,
+    /// Available memory, and the part of it that paths and values take, in bytes.
+    memory: Option<u64>,
+    held: Cell<u64>,
+    /// Number of fields of all paths so far. Paths can share a field set.
+    listed: Cell<usize>,
+    /// Packed arrays that were unpacked, by their [`Rep`].
+    unpacked: RefCell<HashMap<u64, Unpacked>>,
 }
+
+/// A packed array: its end in the layer, its numbers and their type.
+type Unpacked = (u64, Arc<Vec<u8>>, Scalar);
 
 /// A path: the index of its parent (`None` for the root), and the index in `tokens` of its last element.
 #[derive(Clone, Default)]
@@ -111,14 +134,15 @@ struct Path {
     is_property: bool,
 }
 
-pub(super) fn parse(layer: &Bytes) -> Result<Layer, SceneError> {
-    let (sections, order) = Sections::read(layer)?;
+/// Parses a layer whose paths and values fit in the available `memory`.
+pub(super) fn parse(layer: &Bytes, memory: Option<u64>) -> Result<Layer, SceneError> {
+    let (sections, order) = Sections::read(layer, memory)?;
     sections.layer(&order)
 }
 
 impl<'a, 'b> Sections<'a, 'b> {
     /// Reads the sections. Also returns the indices of the paths, parents before their children.
-    fn read(layer: &'a Bytes<'b>) -> Result<(Self, Vec<u32>), SceneError> {
+    fn read(layer: &'a Bytes<'b>, memory: Option<u64>) -> Result<(Self, Vec<u32>), SceneError> {
         let mut cursor = Cursor { layer, at: 0, name: "header" };
         if cursor.take::<8>()? != *MAGIC {
             return Err(field(0, "ident", "expected PXR-USDC, found other bytes"));
@@ -167,7 +191,7 @@ impl<'a, 'b> Sections<'a, 'b> {
         let mut cursor = section("FIELDSETS")?;
         let count = cursor.count()?;
         let field_sets = cursor.integers(count)?;
-        let (paths, order) = Self::paths(section("PATHS")?)?;
+        let (paths, order) = Self::paths(section("PATHS")?, memory)?;
         let mut cursor = section("SPECS")?;
         let count = cursor.count()?;
         let [at, sets, kinds] = [cursor.integers(count)?, cursor.integers(count)?, cursor.integers(count)?];
@@ -178,7 +202,16 @@ impl<'a, 'b> Sections<'a, 'b> {
             let wrong = || cursor.wrong(format!("expected the index of a path below {most}, found {path}"));
             *spec.ok_or_else(wrong)? = (kind, set);
         }
-        Ok((Self { layer, tokens, fields, field_sets, paths, specs }, order))
+        let held = Cell::new(PATH * paths.len() as u64);
+        let (listed, unpacked) = (Cell::default(), RefCell::default());
+        Ok((Self { layer, tokens, fields, field_sets, paths, specs, memory, held, listed, unpacked }, order))
+    }
+
+    /// Counts the bytes of a value before it is made. Fails if all together exceed the available memory: a few bytes of
+    /// the layer can name a large value again.
+    fn hold(&self, bytes: u64) -> Result<(), SceneError> {
+        self.held.set(self.held.get().saturating_add(bytes));
+        check_memory(self.held.get(), self.memory)
     }
 
     fn tokens(mut cursor: Cursor) -> Result<Vec<String>, SceneError> {
@@ -189,19 +222,18 @@ impl<'a, 'b> Sections<'a, 'b> {
         }
         let unpacked = cursor.unpack(bytes)?;
         let text = unpacked.strip_suffix(b"\0").unwrap_or(&unpacked);
-        let mut tokens = Vec::new();
-        for token in text.split(|byte| *byte == 0) {
-            tokens.push(String::from_utf8_lossy(token).into_owned());
+        let tokens = text.split(|byte| *byte == 0);
+        let found = tokens.clone().count();
+        if found != count {
+            return Err(cursor.wrong(format!("expected {count} tokens, found {found}")));
         }
-        if tokens.len() != count {
-            return Err(cursor.wrong(format!("expected {count} tokens, found {}", tokens.len())));
-        }
-        Ok(tokens)
+        Ok(tokens.map(|token| String::from_utf8_lossy(token).into_owned()).collect())
     }
 
     /// Reads the tree of paths. An entry's first child follows it; a jump leads to its next sibling.
-    fn paths(mut cursor: Cursor) -> Result<(Vec<Path>, Vec<u32>), SceneError> {
+    fn paths(mut cursor: Cursor, memory: Option<u64>) -> Result<(Vec<Path>, Vec<u32>), SceneError> {
         let count = cursor.count()?;
+        check_memory(PATH.saturating_mul(count as u64), memory)?;
         let entries = cursor.count()?;
         if entries != count {
             return Err(cursor.wrong(format!("expected {count} paths, found entries for {entries}")));
@@ -242,19 +274,39 @@ impl<'a, 'b> Sections<'a, 'b> {
         Ok((paths, order))
     }
 
+    /// Returns the token of a name.
     fn token(&self, index: u64) -> Result<&str, SceneError> {
         let token = usize::try_from(index).ok().and_then(|index| self.tokens.get(index));
-        token.map(String::as_str).ok_or_else(|| {
-            let most = self.tokens.len();
-            field(0, "TOKENS", format!("expected the index of a token below {most}, found {index}"))
-        })
+        let most = self.tokens.len();
+        let wrong = |text: String| field(0, "TOKENS", text);
+        let token = token
+            .ok_or_else(|| wrong(format!("expected the index of a token below {most}, found {index}")))?;
+        match token.len() {
+            length if length > MAX_NAME => {
+                Err(wrong(format!("expected a name of at most {MAX_NAME} bytes, found {length}")))
+            }
+            _ => Ok(token),
+        }
+    }
+
+    /// Copies the token of a name.
+    fn name(&self, index: u64) -> Result<String, SceneError> {
+        let name = self.token(index)?;
+        self.hold((size_of::<String>() + name.len()) as u64)?;
+        Ok(name.to_owned())
     }
 
     fn fields(&self, path: u32) -> Result<Vec<(&str, Rep)>, SceneError> {
         let (_, set) = self.specs[path as usize];
         let all = self.field_sets.get(set as usize..).unwrap_or_default();
-        let mut found = Vec::new();
+        let (mut found, paths) = (Vec::new(), self.paths.len());
         for index in all.iter().take_while(|index| **index != END) {
+            self.listed.set(self.listed.get() + 1);
+            if self.listed.get() > MAX_FIELDS * paths {
+                let most = MAX_FIELDS * paths;
+                let text = format!("expected at most {most} fields of {paths} paths, found more");
+                return Err(field(0, "FIELDSETS", text));
+            }
             let most = self.fields.len();
             let (name, rep) = self.fields.get(*index as usize).ok_or_else(|| {
                 field(0, "FIELDSETS", format!("expected the index of a field below {most}, found {index}"))
@@ -283,7 +335,7 @@ impl<'a, 'b> Sections<'a, 'b> {
                     }
                 }
                 PRIM if !path.is_property => {
-                    let name = self.token(path.token.into())?.to_owned();
+                    let name = self.name(path.token.into())?;
                     let mut prim = Prim { name, parent, ..Prim::default() };
                     for (name, rep) in self.fields(*index)? {
                         match name {
@@ -311,7 +363,7 @@ impl<'a, 'b> Sections<'a, 'b> {
                             _ => {}
                         }
                     }
-                    layer.prims[parent].attributes.insert(name.to_owned(), attribute);
+                    layer.prims[parent].attributes.insert(self.name(path.token.into())?, attribute);
                 }
                 _ => {}
             }
@@ -336,9 +388,7 @@ impl<'a, 'b> Sections<'a, 'b> {
 
     fn words(&self, rep: Rep) -> Result<Vec<String>, SceneError> {
         match (rep.kind(), rep.is_array()) {
-            (TOKEN, false) if rep.is_inlined() => {
-                Ok(vec![self.token(rep.payload() & 0xFFFF_FFFF)?.to_owned()])
-            }
+            (TOKEN, false) if rep.is_inlined() => Ok(vec![self.name(rep.payload() & 0xFFFF_FFFF)?]),
             (TOKEN, true) | (TOKEN_VECTOR, _) => {
                 if rep.payload() == 0 {
                     return Ok(Vec::new());
@@ -348,7 +398,7 @@ impl<'a, 'b> Sections<'a, 'b> {
                 let bytes = self.layer.vec(cursor.at, count.saturating_mul(4))?;
                 let words = bytes.chunks_exact(4).map(|word| {
                     let index = u32::from_le_bytes(word.try_into().expect("the chunk has 4 bytes"));
-                    Ok(self.token(index.into())?.to_owned())
+                    self.name(index.into())
                 });
                 words.collect()
             }
@@ -396,7 +446,7 @@ impl<'a, 'b> Sections<'a, 'b> {
             return Err(field(rep.payload(), "value", text));
         };
         let real_last = width == 4;
-        let numbers = Numbers::Memory(Vec::new());
+        let numbers = Numbers::Memory(Arc::default());
         let (at, kind) = (rep.payload(), scalar.name());
         let empty = Array { width, count: 0, scalar, kind, numbers, real_last, at, bytes: 0 };
         if !rep.is_array() {
@@ -409,9 +459,18 @@ impl<'a, 'b> Sections<'a, 'b> {
         let mut cursor = Cursor { layer: self.layer, at: rep.payload(), name: "array" };
         let count = cursor.long()?;
         if rep.is_compressed() && width == 1 && count >= MIN_PACKED {
-            let (numbers, scalar) = Self::packed(&mut cursor, count, scalar)?;
+            let known = self.unpacked.borrow().get(&rep.0).cloned();
+            let (end, numbers, scalar) = match known {
+                Some(known) => known,
+                None => {
+                    let (numbers, scalar) = self.packed(&mut cursor, count, scalar)?;
+                    let found = (cursor.at, Arc::new(numbers), scalar);
+                    self.unpacked.borrow_mut().insert(rep.0, found.clone());
+                    found
+                }
+            };
             let numbers = Numbers::Memory(numbers);
-            return Ok(Array { count, scalar, numbers, bytes: cursor.at - rep.payload(), ..empty });
+            return Ok(Array { count, scalar, numbers, bytes: end - rep.payload(), ..empty });
         }
         let bytes = count.saturating_mul((width * scalar.size()) as u64);
         let left = self.layer.length.saturating_sub(cursor.at);
@@ -425,30 +484,122 @@ impl<'a, 'b> Sections<'a, 'b> {
 
     /// Unpacks an array of numbers: integers, or indices into a table. Also returns the type of its numbers, which is
     /// `scalar` or a type of integers.
-    fn packed(cursor: &mut Cursor, count: u64, scalar: Scalar) -> Result<(Vec<u8>, Scalar), SceneError> {
+    fn packed(
+        &self,
+        cursor: &mut Cursor,
+        count: u64,
+        scalar: Scalar,
+    ) -> Result<(Vec<u8>, Scalar), SceneError> {
         let most = cursor.layer.length;
         if count > most {
             return Err(cursor.wrong(format!("expected at most {most} elements, found {count}")));
         }
         let [code] = cursor.take()?;
+        let scalar = if code == b'i' { Scalar::I32 } else { scalar };
+        // The integers of the packing, and the numbers.
+        self.hold(count * (4 + scalar.size()) as u64)?;
+        let mut bytes = Vec::new();
+        bytes.try_reserve_exact(count as usize * scalar.size()).map_err(std::io::Error::from)?;
         match code {
-            b'i' => {
-                let integers = cursor.integers(count as usize)?.into_iter();
-                Ok((integers.flat_map(u32::to_le_bytes).collect(), Scalar::I32))
-            }
+            b'i' => bytes.extend(cursor.integers(count as usize)?.into_iter().flat_map(u32::to_le_bytes)),
             b't' => {
                 let entries = cursor.word()?;
-                let table = cursor.layer.vec(cursor.at, u64::from(entries) * scalar.size() as u64)?;
-                cursor.at += table.len() as u64;
-                let mut bytes = Vec::new();
+                let length = u64::from(entries) * scalar.size() as u64;
+                self.hold(length)?;
+                let table = cursor.layer.vec(cursor.at, length)?;
+                cursor.at += length;
                 for index in cursor.integers(count as usize)? {
                     let entry = table.chunks_exact(scalar.size()).nth(index as usize);
                     let wrong = || format!("expected the index of an entry below {entries}, found {index}");
                     bytes.extend_from_slice(entry.ok_or_else(|| cursor.wrong(wrong()))?);
                 }
-                Ok((bytes, scalar))
             }
-            other => Err(cursor.wrong(format!("expected the packing i or t, found {other}"))),
+            other => return Err(cursor.wrong(format!("expected the packing i or t, found {other}"))),
         }
+        Ok((bytes, scalar))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::input::Source;
+    use crate::testing::says;
+
+    /// Parses a layer of `prims` prims with the name `tokens[0]`. Each has the attribute `tokens[1]`, with `fields`.
+    fn parsed(
+        file: &[u8],
+        tokens: &[&str],
+        fields: &[(u32, Rep)],
+        prims: u32,
+        memory: u64,
+    ) -> Result<Layer, SceneError> {
+        let source = Source::Bytes(file);
+        let mut sections = Sections {
+            layer: &Bytes::new(&source, 0, file.len() as u64),
+            tokens: tokens.iter().map(|token| (*token).to_owned()).collect(),
+            fields: fields.to_vec(),
+            field_sets: (0..fields.len() as u32).chain([END]).collect(),
+            paths: vec![Path::default()],
+            specs: vec![(PSEUDO_ROOT, END)],
+            memory: Some(memory),
+            held: Cell::default(),
+            listed: Cell::default(),
+            unpacked: RefCell::default(),
+        };
+        for prim in 0..prims {
+            sections.paths.push(Path { parent: Some(0), token: 0, is_property: false });
+            sections.paths.push(Path { parent: Some(2 * prim + 1), token: 1, is_property: true });
+            sections.specs.extend([(PRIM, END), (ATTRIBUTE, 0)]);
+        }
+        sections.layer(&(0..=2 * prims).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn values_that_many_attributes_name_are_counted() {
+        let name = "a".repeat(MAX_NAME);
+        // 100 tokens with the index 0.
+        let words = [&[0; 8][..], &100u64.to_le_bytes(), &[0; 400]].concat();
+        let of_words = |prims, memory| {
+            let tokens = [&*name, "xformOpOrder", "default"];
+            parsed(&words, &tokens, &[(2, Rep(TOKEN_VECTOR << 48 | 8))], prims, memory)
+        };
+        assert_eq!(of_words(1, 500_000).unwrap().prims[0].attributes.len(), 1);
+        says(
+            of_words(9, 500_000).err().unwrap(),
+            "expected a layer that fits in memory, found one that needs",
+        );
+        let long = name + "a";
+        let said = parsed(&[], &[&long, "purpose"], &[], 1, 1 << 30).err().unwrap();
+        says(said, "expected a name of at most 4096 bytes, found 4097");
+    }
+
+    #[test]
+    fn a_packed_array_that_many_attributes_name_is_unpacked_once() {
+        // The common difference, and a code of 0 for each of 1000 integers.
+        let block = lz4_flex::block::compress(&[[7, 0, 0, 0].as_slice(), &[0; 250]].concat());
+        let length = block.len() as u64 + 1;
+        let (count, length) = (1000u64.to_le_bytes(), length.to_le_bytes());
+        let file = [&[0; 8][..], &count, b"i", &length, &[0], &block, &[0; 1000]].concat();
+        let of_arrays = |memory| {
+            let rep = Rep(1 << 63 | 1 << 61 | FLOAT << 48 | 8);
+            parsed(&file, &["P", "opacities", "default"], &[(2, rep)], 1000, memory)
+        };
+        let layer = of_arrays(100_000).unwrap();
+        let numbers = |prim: usize| match &layer.prims[prim].attributes["opacities"].value {
+            Some(Value::Array(Array { numbers: Numbers::Memory(bytes), .. })) => bytes.clone(),
+            _ => panic!("an array in memory"),
+        };
+        assert_eq!((numbers(0).len(), &numbers(0)[3996..]), (4000, &7000u32.to_le_bytes()[..]));
+        assert!(Arc::ptr_eq(&numbers(0), &numbers(999)));
+        says(of_arrays(5000).err().unwrap(), "expected a layer that fits in memory");
+    }
+
+    #[test]
+    fn fields_are_counted_for_every_path_that_shares_them() {
+        let with = |fields| parsed(&[], &["P", "purpose"], &vec![(1, Rep(0)); fields], 2, 1 << 20);
+        // The root, and two prims with an attribute each.
+        assert_eq!(with(160).unwrap().prims.len(), 2);
+        says(with(161).err().unwrap(), "expected at most 320 fields of 5 paths, found more");
     }
 }

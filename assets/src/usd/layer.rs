@@ -2,8 +2,10 @@
 
 use crate::error::{SceneError, field, wrong};
 use crate::input::{Source, Table};
+use crate::memory::display;
 use crate::scalar::Scalar;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 pub(super) const SPLATS: &str = "ParticleField3DGaussianSplat";
 
@@ -49,6 +51,20 @@ impl<'a> Bytes<'a> {
     pub(super) fn vec(&self, at: u64, count: u64) -> Result<Vec<u8>, SceneError> {
         self.check(at, count)?;
         Ok(self.source.bytes(self.start + at, count as usize)?)
+    }
+}
+
+/// Fails if a layer that needs `needed` bytes does not fit in the available `memory`.
+pub(super) fn check_memory(needed: u64, memory: Option<u64>) -> Result<(), SceneError> {
+    match memory {
+        Some(memory) if needed > memory => {
+            let [needed, memory] = [needed, memory].map(display);
+            let text = format!(
+                "expected a layer that fits in memory, found one that needs {needed}, of {memory} available"
+            );
+            Err(wrong("USD", text))
+        }
+        _ => Ok(()),
     }
 }
 
@@ -118,8 +134,8 @@ pub(super) fn kind_of(attribute: &str) -> Option<Kind> {
 pub(super) enum Numbers {
     /// Offset in the layer.
     File(u64),
-    /// The numbers' bytes, little-endian.
-    Memory(Vec<u8>),
+    /// The numbers' bytes, little-endian. Attributes that name one packed array share them.
+    Memory(Arc<Vec<u8>>),
 }
 
 pub(super) struct Array {

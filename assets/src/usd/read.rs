@@ -1,6 +1,6 @@
 //! Reads the splats of a layer, prim by prim.
 
-use super::layer::{Array, Bytes, Layer, SPLATS, Value};
+use super::layer::{Array, Bytes, Layer, SPLATS, Value, check_memory};
 use super::{binary, package, text, xform};
 use crate::activation;
 use crate::error::{SceneError, wrong};
@@ -43,14 +43,7 @@ impl Splats<'_> {
 
 /// Reads and parses a text layer. The text and its numbers need three times its length; `memory` is the limit.
 fn parse_text(bytes: &Bytes, memory: Option<u64>) -> Result<Layer, SceneError> {
-    let needed = bytes.length.saturating_mul(3);
-    if let Some(memory) = memory.filter(|memory| needed > *memory) {
-        let [needed, memory] = [needed, memory].map(memory::display);
-        let text = format!(
-            "expected a text layer that fits in memory, found one that needs {needed}, of {memory} available"
-        );
-        return Err(wrong("USD", text));
-    }
+    check_memory(bytes.length.saturating_mul(3), memory)?;
     text::parse(&bytes.vec(0, bytes.length)?)
 }
 
@@ -60,7 +53,7 @@ fn open<'a>(source: &'a Source<'a>, memory: Option<u64>) -> Result<(Bytes<'a>, L
     let parse = || {
         let mut head = [0; binary::MAGIC.len()];
         let is_binary = bytes.read(0, &mut head).is_ok() && head == *binary::MAGIC;
-        let layer = if is_binary { binary::parse(&bytes)? } else { parse_text(&bytes, memory)? };
+        let layer = if is_binary { binary::parse(&bytes, memory)? } else { parse_text(&bytes, memory)? };
         if let Some(arc) = &layer.arc {
             let text = format!(
                 "expected a single layer without references to others, found {arc} (join them first, e.g. by `usdcat --flatten`)"

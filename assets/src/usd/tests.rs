@@ -195,7 +195,7 @@ fn a_text_larger_than_the_memory_is_refused() {
     let text = file("usda");
     let source = Source::Bytes(&text);
     let found = super::parse(&Input { source: &source, memory: Some(10_000), progress: QUIET }).unwrap_err();
-    says(found, "expected a text layer that fits in memory, found one that needs 18.8 KiB");
+    says(found, "expected a layer that fits in memory, found one that needs 18.8 KiB");
 }
 
 #[test]

@@ -402,7 +402,7 @@ impl<'t> Parser<'t> {
             count: (bytes.len() / (width * scalar.size())) as u64,
             scalar,
             kind: scalar.name(),
-            numbers: Numbers::Memory(bytes),
+            numbers: Numbers::Memory(bytes.into()),
             real_last: false,
             at: start as u64,
             bytes: (self.at - start) as u64,
