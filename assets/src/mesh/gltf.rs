@@ -37,6 +37,10 @@ const MAX_BYTES: u64 = 1 << 30;
 /// Maximum number of triangles, and of vertices, over all nodes.
 const MAX_ELEMENTS: usize = 1 << 26;
 
+/// Maximum number of positions and indices that all nodes read. They can exceed the mesh's: triangles without normals
+/// copy only the positions that they use.
+const MAX_READ: u64 = 1 << 29;
+
 impl Mesh {
     /// Parses the bytes of a glTF file. Its buffers and images are read from `folder`.
     ///
@@ -66,6 +70,7 @@ impl Mesh {
         json.extensions_required.clear();
         check_accessors(&json)?;
         let document = Document::from_json(json).map_err(invalid)?;
+        check_reads(&document)?;
         let files = Files::read(&document, folder)?;
         let buffers = document.buffers().map(|buffer| {
             let part = format!("buffer {}", buffer.index());
@@ -136,6 +141,28 @@ fn check_accessors(json: &gltf::json::Root) -> Result<(), SceneError> {
         }
     }
     Ok(())
+}
+
+/// Checks the work of all nodes together: many nodes can place a mesh of many primitives that share their positions.
+fn check_reads(document: &Document) -> Result<(), SceneError> {
+    /// Positions that are read in the time that a primitive takes without them.
+    const PRIMITIVE: u64 = 1 << 8;
+    // A reader refuses an accessor with more elements than bytes.
+    let count = |accessor: Accessor| accessor.count().min(accessor.view().map_or(0, |view| view.length()));
+    let reads = |primitive: Primitive| {
+        let lists = [primitive.get(&Semantic::Positions), primitive.indices()];
+        lists.into_iter().flatten().map(|list| count(list) as u64).fold(PRIMITIVE, u64::saturating_add)
+    };
+    let of_mesh = |mesh: gltf::Mesh| mesh.primitives().map(reads).fold(0, u64::saturating_add);
+    let of_meshes: Vec<u64> = document.meshes().map(of_mesh).collect();
+    let placed = document.nodes().filter_map(|node| node.mesh());
+    match placed.map(|mesh| of_meshes[mesh.index()]).fold(0, u64::saturating_add) {
+        found if found > MAX_READ => {
+            let message = format!("expected at most {MAX_READ} positions and indices in all, found {found}");
+            Err(wrong("nodes", message))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Returns the JSON of a text or binary file. [`check_length`] has accepted the file.
@@ -219,11 +246,10 @@ impl<'a> Reader<'a> {
         // Converts from axes left, up and front (glTF) to right, down and front, as for splats in glTF.
         let axes = DMat4::from_scale(DVec3::new(-1.0, -1.0, 1.0));
         let mut open: Vec<_> = scene.nodes().map(|node| (node, axes)).collect();
-        let (mut seen, mut lit) = (0, false);
+        let (mut seen, mut lit) = (vec![false; self.document.nodes().len()], false);
         while let Some((node, parent)) = open.pop() {
-            seen += 1;
             let part = format!("node {}", node.index());
-            if seen > self.document.nodes().len() {
+            if std::mem::replace(&mut seen[node.index()], true) {
                 return Err(wrong(part, "expected nodes in a tree, found one with two parents"));
             }
             let columns = node.transform().matrix().map(|column| column.map(f64::from));

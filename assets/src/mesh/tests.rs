@@ -168,12 +168,23 @@ fn mistakes_are_told_with_their_part() {
         ("data:;base64,", "../secret.bin?", "expected a file in the folder"),
         ("base64,AAAAAAAA", "base64,AADAfwAA", "expected finite numbers, found NaN"),
         ("\"mesh\":0}]", "\"mesh\":0,\"children\":[0]}]", "expected nodes in a tree"),
+        ("[0]}],\"nodes\":[", "[0,0]}],\"nodes\":[{},", "expected nodes in a tree"),
         ("{\"POSITION\":0}", "{\"POSITION\":9}", "expected an accessor below 1, found 9"),
         ("\"scene\":0,", "\"scene\":0,\"extensionsRequired\":[\"KHR_x\"],", "found KHR_x"),
     ] {
         let text = said(from, to);
         assert!(text.contains(expected), "{to}: {text}");
     }
+}
+
+#[test]
+fn positions_are_counted_for_every_node_and_primitive_that_reads_them() {
+    let primitives = vec![r#"{"attributes":{"POSITION":0}}"#; 1500].join(",");
+    let text = changed(r#"{"attributes":{"POSITION":0}}"#, &primitives);
+    let nodes = vec![r#"{"mesh":0}"#; 1500].join(",");
+    let text = text.replace(r#""nodes":[{"mesh":0}"#, &format!(r#""nodes":[{nodes}"#));
+    let said = Mesh::parse(text.as_bytes(), None).unwrap_err();
+    says(said, "`nodes`: expected at most 536870912 positions and indices in all, found 582750000");
 }
 
 #[test]
