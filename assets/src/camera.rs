@@ -80,7 +80,7 @@ impl Entry {
 /// Finds the first non-zero number of a lens's distortion, and the name of its field; `None` if there is none. `field`
 /// returns a field of a camera.
 pub(crate) fn distortion<'a>(field: impl Fn(&str) -> Option<&'a Value>) -> Option<(&'static str, f64)> {
-    const NAMES: [&str; 11] = [
+    const NAMES: [&str; 16] = [
         "k1",
         "k2",
         "k3",
@@ -92,6 +92,12 @@ pub(crate) fn distortion<'a>(field: impl Fn(&str) -> Option<&'a Value>) -> Optio
         "distortion",
         "distortion_params",
         "distortion_coefficients",
+        // Of Kalibr, of OpenCV's scripts, and of ROS.
+        "distortion_coeffs",
+        "dist_coeffs",
+        "radial_distortion",
+        "tangential_distortion",
+        "D",
     ];
     fn nonzero(value: &Value) -> Option<f64> {
         match value {

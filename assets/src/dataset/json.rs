@@ -2,11 +2,12 @@
 //! `camera_path.json`.
 //!
 //! The poses of the last two transform camera coordinates (x right, y up, z backward) to world coordinates.
-//! Values of a frame take precedence over the file's. Sources: the Blender scenes of NeRF (`camera_angle_x`),
+//! Values of a frame take precedence over the file's, and its focal lengths and angles replace all of the file's.
+//! Sources: the Blender scenes of NeRF (`camera_angle_x`),
 //! <https://docs.nerf.studio/quickstart/data_conventions.html>, and `get_path_from_json` of nerfstudio.
 
 use super::alignment::{Applied, Matrix};
-use super::colmap::{IDEAL, UNDISTORT};
+use super::colmap::{IDEAL, UNDISTORT, distorted_parameters};
 use super::error::{CameraError, MAX_CAMERAS};
 use super::photograph;
 use super::view::{CameraOptions, Dataset, View};
@@ -47,6 +48,9 @@ pub(super) fn parse(
                 return Err(distorted(name, value));
             }
             let model = entry.other("camera_model").and_then(Value::as_str).unwrap_or_default();
+            if !options.ignore_distortion {
+                refuse_parameters(model, entry.other("params"))?;
+            }
             let found = entry.projection();
             if let Some(expected) = projection_of(model)
                 && expected != found
@@ -68,6 +72,8 @@ pub(super) fn parse(
         let message = error.to_string();
         let place = format!(" at line {} column {}", error.line(), error.column());
         let message = message.strip_suffix(&place).unwrap_or(&message);
+        let lost = lost_pose(text, &error);
+        let message = lost.as_deref().unwrap_or(message);
         let camera = reached.get().map(|index| format!("camera {index}: ")).unwrap_or_default();
         let place = format!(":{}:{}", error.line(), error.column());
         // `ns-export cameras` of nerfstudio writes a list of names and poses.
@@ -78,6 +84,20 @@ pub(super) fn parse(
         };
         CameraError::invalid(path, place, format!("{camera}{message}{advice}"))
     })
+}
+
+/// Describes a number that is not finite, as trackers write it into the poses of lost frames; `None` for other errors.
+fn lost_pose(text: &str, error: &serde_json::Error) -> Option<String> {
+    let lines = text.split_inclusive('\n').take(error.line().checked_sub(1)?);
+    let at = lines.map(str::len).sum::<usize>() + error.column().checked_sub(1)?;
+    let (before, rest) = text.split_at_checked(at)?;
+    let is_null = error.to_string().starts_with("invalid type: null, expected f64");
+    let sign = if before.ends_with('-') { "-" } else { "" };
+    let found =
+        ["NaN", "Infinity"].into_iter().find(|word| rest.starts_with(word)).or(is_null.then_some("null"))?;
+    // Numbers of a pose are in nested lists, without texts in between.
+    let field = before.rsplit('"').nth(1)?;
+    Some(format!("`{field}`: expected a number, found {sign}{found}; leave out frames without a pose"))
 }
 
 /// Deserialises a text, and returns an error if anything follows the value.
@@ -174,6 +194,10 @@ impl Fields {
         self.render_width.is_some()
     }
 
+    fn has_focal(&self) -> bool {
+        self.fl_x.or(self.fl_y).or(self.camera_angle_x).or(self.camera_angle_y).is_some()
+    }
+
     /// Converts a frame of a `camera_path.json`, which names no photograph, to one of a `transforms.json`. `file` has
     /// the file's values.
     fn of_path(self, file: &Self) -> Self {
@@ -209,6 +233,13 @@ fn plain(path: &Path) -> &Path {
 
 fn distorted(name: &str, value: f64) -> String {
     format!("`{name}`: expected 0, a lens without distortion, found {value}; {UNDISTORT}{IDEAL}")
+}
+
+/// Refuses distortion in the list of parameters beside a `camera_model`, which has COLMAP's order.
+fn refuse_parameters(model: &str, parameters: Option<&Value>) -> Result<(), String> {
+    let numbers = |list: &Value| Some(list.as_array()?.iter().filter_map(Value::as_f64).collect::<Vec<_>>());
+    let fault = parameters.and_then(numbers).and_then(|numbers| distorted_parameters(model, &numbers));
+    fault.map_or(Ok(()), |fault| Err(format!("`params`: {fault}")))
 }
 
 /// Returns the projection of a camera model without its distortion; `None` if it is not supported.
@@ -251,12 +282,12 @@ fn view(
             ));
         }
     };
-    if !ignore_distortion
-        && let Some((name, value)) = distortion(|name| {
-            frame.others.get(name).filter(|value| !value.is_null()).or(file.others.get(name))
-        })
-    {
-        return Err(distorted(name, value));
+    let other = |name: &str| frame.others.get(name).filter(|v| !v.is_null()).or(file.others.get(name));
+    if !ignore_distortion {
+        if let Some((name, value)) = distortion(other) {
+            return Err(distorted(name, value));
+        }
+        refuse_parameters(model, other("params"))?;
     }
     let sides = [("w", either!(w of frame, file)), ("h", either!(h of frame, file))];
     let (width, height) = match sides.map(|(_, side)| side) {
@@ -276,10 +307,25 @@ fn view(
         Projection::Fisheye => f64::from(side) / angle,
         _ => 0.5 * f64::from(side) / (0.5 * angle).tan(),
     };
-    let fx = either!(fl_x of frame, file)
-        .or_else(|| either!(camera_angle_x of frame, file).map(|angle| of_angle(width, angle)));
-    let fy = either!(fl_y of frame, file)
-        .or_else(|| either!(camera_angle_y of frame, file).map(|angle| of_angle(height, angle)));
+    // One focal length of the frame and one of the file would be of two lenses.
+    let lens = if frame.has_focal() { frame } else { file };
+    let has_own_size = [(frame.w, file.w), (frame.h, file.h)]
+        .into_iter()
+        .any(|(own, shared)| own.zip(shared).is_some_and(|(own, shared)| own != shared));
+    if has_own_size {
+        let shared = [
+            ("fl_x", file.fl_x.or(file.fl_y).filter(|_| !frame.has_focal())),
+            ("cx", file.cx.filter(|_| frame.cx.is_none())),
+            ("cy", file.cy.filter(|_| frame.cy.is_none())),
+        ];
+        if let Some((name, value)) = shared.into_iter().find_map(|(name, value)| Some((name, value?))) {
+            return Err(format!(
+                "`{name}`: expected one in the frame, whose size is not the file's, found the file's {value}"
+            ));
+        }
+    }
+    let fx = lens.fl_x.or_else(|| lens.camera_angle_x.map(|angle| of_angle(width, angle)));
+    let fy = lens.fl_y.or_else(|| lens.camera_angle_y.map(|angle| of_angle(height, angle)));
     let panorama =
         (projection == Projection::Equirectangular).then(|| f64::from(width) / std::f64::consts::TAU);
     let fx = fx.or(panorama).ok_or("missing field `fl_x`, or `camera_angle_x`")?;
@@ -320,7 +366,14 @@ fn transforms(
     fallback: Option<(u32, u32)>,
     reached: &Cell<Option<usize>>,
 ) -> serde_json::Result<(Dataset, Option<Applied>)> {
-    let mut file: Fields = serde_json::from_str(text)?;
+    let mut file: Fields = serde_json::from_str(text).inspect_err(|error| {
+        // Only a list of cameras counts them.
+        let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 90.0, (1, 1));
+        let view = |_: IgnoredAny| Ok(View { camera: camera.clone(), photograph: String::new(), test: None });
+        if error.is_syntax() {
+            whole(text, Frames(List { reached, view, entry: PhantomData })).unwrap_or_default();
+        }
+    })?;
     file.test_filenames =
         file.test_filenames.map(|names| names.iter().map(|name| plain(name).to_owned()).collect());
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
@@ -379,9 +432,11 @@ fn transforms(
     Ok((Dataset { photographs: Some(folder), ..dataset }, applied))
 }
 
-struct Frames<'a, F>(List<'a, Fields, F>);
+struct Frames<'a, T, F>(List<'a, T, F>);
 
-impl<'de, F: FnMut(Fields) -> Result<View, String>> DeserializeSeed<'de> for Frames<'_, F> {
+impl<'de, T: Deserialize<'de>, F: FnMut(T) -> Result<View, String>> DeserializeSeed<'de>
+    for Frames<'_, T, F>
+{
     type Value = Vec<View>;
 
     fn deserialize<D: serde::Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
@@ -389,7 +444,7 @@ impl<'de, F: FnMut(Fields) -> Result<View, String>> DeserializeSeed<'de> for Fra
     }
 }
 
-impl<'de, F: FnMut(Fields) -> Result<View, String>> Visitor<'de> for Frames<'_, F> {
+impl<'de, T: Deserialize<'de>, F: FnMut(T) -> Result<View, String>> Visitor<'de> for Frames<'_, T, F> {
     type Value = Vec<View>;
 
     fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {

@@ -133,6 +133,13 @@ impl Model {
     }
 }
 
+/// Describes the distortion in the parameters of the model `name`; `None` without distortion, and for other models.
+pub(in crate::dataset) fn distorted_parameters(name: &str, parameters: &[f64]) -> Option<String> {
+    let model = MODELS.iter().find(|model| model.name == name)?;
+    let (name, fault) = model.lens(Projection::Pinhole, (1, 1), parameters, false).err()?;
+    Some(format!("{name}: {fault}"))
+}
+
 /// Describes the values that an image's `CAMERA_ID` may have: the first IDs of the lenses, in order.
 fn ids(lenses: &Lenses) -> String {
     const SHOWN: usize = 8;

@@ -8,7 +8,7 @@ mod binary;
 mod lens;
 pub(super) mod text;
 
-pub(super) use lens::{IDEAL, UNDISTORT};
+pub(super) use lens::{IDEAL, UNDISTORT, distorted_parameters};
 
 use super::error::CameraError;
 use super::view::Dataset;

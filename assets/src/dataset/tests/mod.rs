@@ -52,6 +52,9 @@ fn errors_say_line_column_and_which_camera() {
         ("6.0", "1e-50", "expected fy from 1e-20 to 1e20 pixels, found "),
         ("3.5", "-1e40", "expected a position within 1e18 of the origin, found z = -1e40"),
         ("3.5", "1e999", "number out of range"),
+        ("3.5", "NaN", "`position`: expected a number, found NaN; leave out frames without a pose"),
+        ("[0,0,1]", "\n[0,0,-Infinity]", "`rotation`: expected a number, found -Infinity; leave out"),
+        ("3.5", "null", "`position`: expected a number, found null; leave out"),
     ] {
         let said = error(&format!("[{ONE}, {}]", ONE.replace(from, to)));
         assert!(said.contains("camera 1: ") && said.contains(what), "{said}");
@@ -277,6 +280,11 @@ fn a_lens_with_distortion_in_a_cameras_json_is_refused() {
     for (more, what) in [
         (r#""k1": 0.3"#, "`k1`: expected 0, a lens without distortion, found 0.3"),
         (r#""distortion": [0, 0, -0.1]"#, "`distortion`: expected 0, a lens without distortion, found -0.1"),
+        (r#""dist_coeffs": [0.1]"#, "`dist_coeffs`: expected 0, a lens without distortion, found 0.1"),
+        (
+            r#""camera_model": "SIMPLE_RADIAL", "params": [50, 32, 16, 0.1]"#,
+            "`params`: k: expected 0, a lens without distortion, found 0.1",
+        ),
         (
             r#""camera_model": "OPENCV_FISHEYE""#,
             "`projection`: expected fisheye, that of the `camera_model` OPENCV_FISHEYE, found pinhole",

@@ -14,7 +14,12 @@ fn transforms_show_a_known_point_at_its_pixel_and_a_frame_has_the_last_word() {
         assert_eq!(dataset.views[0].camera.img_name, name);
     }
     let own = parse(&nerfstudio("", "\"fl_x\": 55,")).unwrap();
-    assert_eq!((own.views[0].camera.fx, own.views[0].camera.fy), (55.0, 80.0));
+    assert_eq!((own.views[0].camera.fx, own.views[0].camera.fy), (55.0, 55.0), "it has a lens of its own");
+    let own = parse(&nerfstudio("", &format!("\"camera_angle_x\": {},", 2.0 * 0.5f64.atan()))).unwrap();
+    assert!((own.views[0].camera.fx - 100.0).abs() < 1e-9, "the file's angle does not count");
+    let own = parse(&nerfstudio("", "\"w\": 50, \"h\": 40, \"fl_x\": 50, \"cx\": 24.5,")).unwrap();
+    let camera = &own.views[0].camera;
+    assert_eq!((camera.width, camera.fy, camera.principal_point()), (50, 50.0, [24.5, 20.0]));
     let own = parse(&nerfstudio("\"is_fisheye\": true,", "\"is_fisheye\": false,")).unwrap();
     assert_eq!(own.views[0].camera.projection, Projection::Pinhole);
     assert!(!own.has_masks && parse(&nerfstudio("", "\"mask_path\": \"m.png\",")).unwrap().has_masks);
@@ -34,6 +39,19 @@ fn transforms_show_a_known_point_at_its_pixel_and_a_frame_has_the_last_word() {
             "\"camera_model\": \"FISHEYE624\",",
             "`camera_model`: expected PINHOLE, OPENCV_FISHEYE, EQUIRECTANGULAR or another model without distortion, found FISHEYE624",
         ),
+        (
+            "\"w\": 50,",
+            "`fl_x`: expected one in the frame, whose size is not the file's, found the file's 100",
+        ),
+        ("\"D\": [0.1],", "`D`: expected 0, a lens without distortion, found 0.1; undistort"),
+        (
+            "\"params\": [100, 80, 50, 40, 0.1, 0, 0, 0],",
+            "`params`: k1: expected 0, a lens without distortion, found 0.1; undistort",
+        ),
+        (
+            "\"transform_matrix\": [[1, 0, 0, NaN]],",
+            "camera 0: `transform_matrix`: expected a number, found NaN; leave out frames without a pose",
+        ),
         ("\"w\": 10.5,", "`w`: expected a number of pixels, found 10.5"),
         ("\"transform_matrix\": 1,", "invalid type: integer `1`"),
         ("\"transform_matrix\": [[1, 2, 3]],", "expected a number or 4 numbers in a row of the matrix"),
@@ -49,6 +67,10 @@ fn transforms_show_a_known_point_at_its_pixel_and_a_frame_has_the_last_word() {
         let said = parse(&nerfstudio("", of_frame)).unwrap_err().to_string();
         assert!(said.starts_with("folder/transforms.json:") && said.contains(what), "{said}");
     }
+    let of_file = "\"cx\": 50, \"cy\": 40,";
+    let shared = nerfstudio(of_file, "\"w\": 50, \"h\": 40, \"fl_x\": 50,");
+    let why = "`cx`: expected one in the frame, whose size is not the file's, found the file's 50";
+    says(parse(&shared).unwrap_err(), why);
     let skewed = nerfstudio("", "").replace("[1, 0, 0, 2]", "[2, 0, 0, 2]");
     let said = parse(&skewed).unwrap_err().to_string();
     assert!(
