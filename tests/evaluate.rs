@@ -117,6 +117,8 @@ fn cameras_are_moved_with_a_scene_and_a_dataset_that_lacks_a_file_is_told() {
     let told = ["kept/a.ply", "kept.ply"].map(|to| place.said(&format!("convert scene.ply {to}")).1);
     let note = "no cameras are beside kept/a.ply: draw it with `-c cameras.json`";
     assert_eq!(told.each_ref().map(|errors| errors.contains(note)), [true, false], "{told:?}");
+    let refused = place.fails("convert scene.ply kept/b.ply --where opacity>2", 1);
+    assert!(!refused.contains("no cameras are beside"), "{refused}");
     let line = format!("convert scene.ply moved.ply {steps} -c views --write-cameras moved.cameras.json");
     let (_, errors) = place.said(&line);
     assert!(!errors.contains("not moved"), "{errors}");
@@ -282,6 +284,30 @@ fn the_cameras_of_a_dataset_are_drawn_by_render_and_mistakes_are_told() {
     place.write("views/sparse/0/cameras.txt", wrong.replacen("PINHOLE", "OPENCV", 1));
     let why = "cameras.txt:2: `k1`: expected a value, found the end of the line";
     place.refuses("", &[("render scene.ply -c views -o x", 1, why)]);
+}
+
+#[test]
+fn grey_photographs_and_pinholes_whose_middle_is_elsewhere_are_told() {
+    let place = photographed();
+    let photograph = place.image("views/images/view-0000.png");
+    let grey = |x, y| [photograph.at(x, y)[1]; 3];
+    let of_grey = Image::from_fn(photograph.width, photograph.height, grey);
+    let line = "evaluate scene.ply --backend reference --photographs views/images";
+    assert!(!place.said(&format!("{line} -c views")).1.contains("grey"));
+    of_grey.save(&place.at("views/images/view-0000.png")).expect("saved");
+    let told = place.said(&format!("{line} -c views --json=scores.json")).1;
+    assert!(told.contains("1 photograph is grey: the colours of the pictures count as errors\n"), "{told}");
+    let views = &place.json("scores.json")["views"];
+    assert_eq!((&views[0]["is_grey"], views[1].get("is_grey")), (&Value::Bool(true), None));
+    let mut cameras = Camera::load(place.at("views")).expect("cameras");
+    cameras.iter_mut().for_each(|camera| camera.principal_offset = [3.0, 0.0]);
+    let said = |cameras: &[Camera]| {
+        Camera::save(cameras, place.at("aside.json")).expect("written");
+        place.said(&format!("{line} -c aside.json")).1
+    };
+    assert!(said(&cameras).contains("principal points are up to 3.0 pixels off the middle"));
+    cameras.iter_mut().for_each(|camera| camera.projection = Projection::Fisheye);
+    assert!(!said(&cameras).contains("off the middle"), "nobody trains fisheyes with the middle");
 }
 
 #[test]

@@ -214,7 +214,16 @@ fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
     run(&place, "merge scores", &[], 0);
     let many = place.bytes("scores/scores.json");
     assert!(many == one.stdout, "{}", String::from_utf8_lossy(&many));
-    assert!(place.at("scores/renders/view-0004.png").exists());
+    // Lost and damaged pictures are drawn again, and merging needs none.
+    let pictures =
+        ["renders/view-0004.png", "differences/view-0005.png"].map(|name| format!("scores/{name}"));
+    let whole = pictures.each_ref().map(|picture| place.bytes(picture));
+    fs::remove_file(place.at(&pictures[0])).expect("it is there");
+    place.write(&pictures[1], &whole[1][..100]);
+    assert!(run(&place, "merge scores", &[], 0).contains("9 of 9 views are present"));
+    let told = run(&place, line, &["scores", "--shard", "0/1"], 0);
+    assert!(told.contains("9 of 9 views: 2 done, 7 already there"), "{told}");
+    assert!(pictures.each_ref().map(|picture| place.bytes(picture)) == whole);
     // Changed photographs and damaged parts are scored again. A view that fails costs no other.
     fs::copy(place.at("views/images/view-0001.png"), place.at("views/images/view-0004.png")).expect("a copy");
     fs::copy(place.at("scene.ply"), place.at("copy.ply")).expect("a copy");

@@ -139,12 +139,14 @@ pub fn tell_alignment(dataset: &Dataset) {
     }
 }
 
-/// Warns the user if principal points are farther from the middle of the pictures than scores tolerate.
+/// Warns the user if principal points of pinholes are farther from the middle of the pictures than scores tolerate.
 pub fn tell_off_center<'a>(cameras: impl IntoIterator<Item = &'a Camera>) {
     /// Maximum offset without a warning, in pixels. It hardly changes a score. But half a pixel does, as of
     /// `cx = (width - 1) / 2`.
     const TOLERANCE: f64 = 0.05;
-    let offsets = cameras.into_iter().flat_map(|camera| camera.principal_offset);
+    // The reference implementation has only pinholes.
+    let pinholes = cameras.into_iter().filter(|camera| camera.projection.is_pinhole());
+    let offsets = pinholes.flat_map(|camera| camera.principal_offset);
     let farthest = offsets.fold(0.0, |most: f64, v| v.abs().max(most));
     if farthest > TOLERANCE {
         say(format!(

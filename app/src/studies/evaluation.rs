@@ -26,6 +26,9 @@ pub struct Score {
     /// Share of the pixels that count; `None` without a mask.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub counted: Option<f64>,
+    /// True if the photograph is grey and the picture is not, so its colours count as errors.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_grey: bool,
 }
 
 /// Means of the scores over all views. A mean is `None` if a view lacks the score or is missing, or without views.
@@ -92,7 +95,14 @@ pub fn score(
         ssim: found.ssim.filter(|_| of_map > 0.0).map(|ssim| 1.0 - (1.0 - ssim) / of_map),
         flip: Seen::of_8_bits(photograph.into()).flip(&Seen::of_8_bits(picture.into())) / all,
         counted: mask.map(|_| all),
+        is_grey: is_grey(photograph) && !is_grey(picture),
     })
+}
+
+/// Returns true if no pixel has a colour, except for rounding to 8 bits.
+fn is_grey(image: &Image) -> bool {
+    const ROUNDING: f32 = 1.5 / 255.0;
+    image.rgb.iter().all(|[r, g, b]| r.max(*g).max(*b) - r.min(*g).min(*b) <= ROUNDING)
 }
 
 /// Returns the mean of values; `None` if a value is missing, or without values.
@@ -120,6 +130,14 @@ impl Evaluation {
             flip: mean(&|score| Some(score.flip)),
         };
         Evaluation { views, missing, mean }
+    }
+
+    /// Reports that colours of pictures are compared with grey photographs. `None` without such views.
+    pub fn grey_note(&self) -> Option<String> {
+        let count = self.views.iter().filter(|view| view.is_grey).count();
+        let photographs = if count == 1 { "photograph is" } else { "photographs are" };
+        (count > 0)
+            .then(|| format!("{count} {photographs} grey: the colours of the pictures count as errors"))
     }
 
     /// Formats the scores as a table with a row per view and the mean below.

@@ -138,20 +138,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Some(path) => Some((path, args.edit.moved(args.price.cameras()?)?)),
         None => None,
     };
-    if cameras.is_none()
-        && let Some((output, _)) = output
-        && let Some(file) = camera::beside(&args.input)
-    {
-        let file = file.display().to_string();
-        let word = shell_word(&file);
-        if args.edit.transforms() {
-            say(format!(
-                "{file} is not moved: `-c {word} --write-cameras FILE` writes the cameras of the transformed scene"
-            ));
-        } else if !is_standard_output(output) && camera::beside(output).is_none() {
-            say(format!("no cameras are beside {}: draw it with `-c {word}`", output.display()));
-        }
-    }
     let loaded = loading::load_scene(&args.input, &args.load)?;
     let (merged, originals) = args.edit.merged(loaded, &args.load)?;
     let paths = [&args.input].into_iter().chain(&args.edit.merge);
@@ -206,6 +192,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let cameras: Vec<_> = cameras.iter().map(|camera| camera.relative_to(scene.offset())).collect();
         let views: Vec<_> = cameras.iter().map(|camera| (camera, Rules::of_view(&scene, camera))).collect();
         blind::cut(&scene, &views).iter().for_each(say);
+    } else if let Some(file) = camera::beside(&args.input) {
+        let file = file.display().to_string();
+        let word = shell_word(&file);
+        if args.edit.transforms() {
+            say(format!(
+                "{file} is not moved: `-c {word} --write-cameras FILE` writes the cameras of the transformed scene"
+            ));
+        } else if !is_standard_output(output) && camera::beside(output).is_none() {
+            say(format!("no cameras are beside {}: draw it with `-c {word}`", output.display()));
+        }
     }
 
     write_json(Some(bytes))?;

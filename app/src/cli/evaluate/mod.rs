@@ -71,6 +71,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     blind::told(drawer.scene(), &blind, views.len()).iter().for_each(say);
     others.iter().for_each(say);
     let found = Evaluation::new(scores, missing);
+    found.grey_note().iter().for_each(say);
     options::print_beside(args.json.as_deref(), &found.table())?;
     if let Some(path) = &args.json {
         let mut request = request(args);

@@ -1,11 +1,12 @@
 //! Scores views in several processes that share a folder (`evaluate --shard`), and merges their scores.
 
 use super::drawer::{self, Drawer, ORIGIN, as_json, request, save};
-use super::work::{Args, View, Work, prepare};
+use super::work::{Args, FOLDERS, View, Work, picture, prepare};
 use crate::cli::job::{self, Manifest};
 use crate::cli::options;
 use crate::cli::outcome::Usage;
-use crate::io::output::{self, one_line};
+use crate::io::image::Image;
+use crate::io::output::{self, one_line, say};
 use crate::io::own_file;
 use crate::io::progress::Progress;
 use crate::io::report::text;
@@ -113,7 +114,9 @@ impl job::Work for Views {
             let part: Part = serde_json::from_slice(&part)?;
             Ok(part.photograph == hash_of(&self.work.views[view])?)
         };
-        scored().unwrap_or(false)
+        // `merge` needs only the score.
+        let whole = |folder| Image::is_whole(&picture(&self.folder, folder, &self.work.stems[view]));
+        FOLDERS.into_iter().all(|folder| whole(folder).unwrap_or(false)) && scored().unwrap_or(false)
     }
 
     fn close(&mut self) -> Vec<String> {
@@ -170,6 +173,7 @@ pub fn merge(manifest: &Manifest, parts: Vec<Part>, missing: &[usize], output: &
     check_scales(origin, &parts, missing)?;
     let missing = missing.iter().filter_map(|view| manifest.views.get(*view).cloned()).collect();
     let found = Evaluation::new(parts.into_iter().map(|part| part.score).collect(), missing);
+    found.grey_note().iter().for_each(say);
     let request = origin.get(job::REQUEST).cloned().context("the origin of an evaluation")?;
     output::write_bytes(&output.join(SCORES), (as_json(request, &found) + "\n").as_bytes())?;
     options::print(found.table().trim_end())
