@@ -62,6 +62,8 @@ pub struct Plan {
     pub output: ResourceId,
     /// Images requested besides the output. The export leaves them in the same layout as the output.
     pub outputs: Vec<Output>,
+    /// Outputs of included graphs, by the includers' names for them, such as `scene.picture`.
+    pub pictures: Vec<Output>,
     /// Names of the images that can be requested, in the order of the graph.
     pub offered: Vec<String>,
     /// Statistics: 32-bit words of buffers. The export copies them in order to the resource with [`Source::Readback`],

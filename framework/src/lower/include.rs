@@ -9,7 +9,7 @@ use super::lowered::LoweredInclude;
 use super::lowering::{Handle, Level, Lowering, PICTURE, Scope};
 use super::params;
 use super::scope::{Names, check_identifier};
-use crate::ir::{Param, ParamSet, Span, Value};
+use crate::ir::{Output, Param, ParamSet, Span, Value};
 use crate::schema::{Expose, Graph, Number, ParamDecl, Part, Reference, ResourceName, is_choice};
 use crate::source::{Diagnostic, Kind, Place};
 
@@ -198,6 +198,8 @@ impl Lowering<'_> {
         }
         if inner.graph.output.is_some() {
             let (output, params) = inner.names.traced(|| self.output(inner));
+            let full = format!("{}{PICTURE}", inner.prefix);
+            self.lowered.plan.pictures.extend(output.map(|image| Output { name: full, image }));
             let output = output.map(|id| Handle::Plain(vec![id]));
             decided.insert(PICTURE.into(), params);
             let hidden = given.insert(PICTURE.into(), output.clone());

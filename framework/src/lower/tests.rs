@@ -244,6 +244,8 @@ image w Image rgba16f";
     assert_eq!(names, ["scene.maker.make", "scene.maker.more", "scene.show", "filter", "export", "host"]);
     let filter = plan.passes.iter().find(|pass| pass.name == "filter").expect("a pass");
     assert_eq!(plan.resource(filter.bindings[0].resource).name, "scene.image");
+    let pictures = plan.pictures.iter().map(|picture| (picture.name.as_str(), picture.image));
+    assert_eq!(pictures.collect::<Vec<_>>(), [("scene.picture", filter.bindings[0].resource)]);
     let params: Vec<&str> = plan.params.iter().map(|p| p.name.as_str()).collect();
     assert_eq!(params, ["width", "size", "times", "share", "room"]);
 }

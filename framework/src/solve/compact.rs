@@ -24,6 +24,8 @@ pub(super) fn compact(lowered: Lowered, passes: &[&LinkedPass]) -> Plan {
         pass.visit(resource, |id| *id = ShaderId(shaders[id.index()]));
     }
     resource(&mut plan.output);
+    plan.pictures.retain(|picture| used.0[real(picture.image).index()]);
+    plan.pictures.iter_mut().for_each(|picture| resource(&mut picture.image));
     plan.outputs.iter_mut().for_each(|output| resource(&mut output.image));
     plan.stats.iter_mut().for_each(|stat| resource(&mut stat.buffer));
     retain(&mut plan.resources, &used.0);

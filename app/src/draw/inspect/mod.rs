@@ -2,7 +2,8 @@
 //!
 //! A target is written `RESOURCE@PASS`, with names as in the plan's dump. Short forms are allowed. `keys` is the half
 //! of the ping-pong pair `keys#0`, `keys#1` that the pass writes, or else reads. A resource's name may also lack its
-//! first parts, and `keys` may be any resource that holds depth keys. `sort.scatter`, or just `scatter`, is the last of
+//! first parts, `scene.picture` is the output of the include `scene`, and `keys` may be any resource that holds depth
+//! keys. `sort.scatter`, or just `scatter`, is the last of
 //! `sort.scatter[0]`, `sort.scatter[1]`, ..., and of `sort[0].scatter`, `sort[1].scatter`, ... If the resource holds
 //! depth keys, the finding reports whether the keys in use ascend.
 
@@ -116,7 +117,8 @@ fn find_passes(plan: &Plan, name: &str) -> Result<Vec<PassId>, InspectError> {
 }
 
 fn find_resource(plan: &Plan, name: &str, pass: &Pass) -> Result<ResourceId, InspectError> {
-    if let Some(id) = plan.find_resource(name) {
+    let picture = || plan.pictures.iter().find(|picture| picture.name == name).map(|picture| picture.image);
+    if let Some(id) = plan.find_resource(name).or_else(picture) {
         return Ok(id);
     }
     let named = |is: &dyn Fn(&str) -> bool| -> Vec<ResourceId> {
