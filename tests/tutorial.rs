@@ -80,6 +80,15 @@ fn every_step_of_the_tutorial_draws_what_it_teaches() {
             .all(|(with, without)| with.iter().zip(without).all(|(a, b)| *a <= b))
     );
     assert!(psnr(&outlined, &auto) < 40.0);
+    // Both renderers follow a rule that they share, and no other view than a pinhole's can be drawn by both.
+    let outlines = tutorial().join("outlines.ron");
+    let line = format!("render scene.ply --size 32x18 -o out.png -p {}", outlines.display());
+    place.refuses(&line, &[("--set projection=fisheye", 1, "projection")]);
+    let look = format!("{line} --inspect depth.picture@outline=depth.npy --inspect scene.picture@outline");
+    assert!(place.done(&look).contains(" after outline: 18 x 32 x 4 words"));
+    let depth = place.bytes("depth.npy");
+    place.done(&format!("{look} --set low_pass=none"));
+    assert!(place.bytes("depth.npy") != depth, "`low_pass` changes the depth, too");
 }
 
 #[test]
