@@ -1,6 +1,7 @@
 //! The program as a user runs it: a scene is generated, inspected, drawn and compared, each by its command.
 
 use crate::place::Place;
+use splatgraph::io::image::Image;
 use std::process::Output;
 
 #[test]
@@ -93,6 +94,44 @@ fn pixels_that_a_file_cannot_hold_are_counted() {
         let (_, errors) = place.said(&format!("video {line} {output} --orbit=1 --fps=1"));
         assert!(errors.contains(&format!("{name}: {counted}")), "{errors}");
     }
+}
+
+#[test]
+fn outputs_of_a_users_graph_keep_their_channels_and_integers_need_a_format_for_them() {
+    let place = Place::demo(50);
+    place.write(
+        "own.comp",
+        "#version 460\nlayout(local_size_x = 64) in;\n\
+         layout(set = 0, binding = 0, rgba32f) writeonly uniform image2D image;\n\
+         layout(set = 0, binding = 1, r32ui) writeonly uniform uimage2D hits;\n\
+         void main() {\n\
+             imageStore(image, ivec2(gl_GlobalInvocationID.x, 0), vec4(0.2, 0.4, 0.6, 0.0));\n\
+             imageStore(hits, ivec2(gl_GlobalInvocationID.x, 0), uvec4(7));\n\
+         }",
+    );
+    place.write(
+        "own.ron",
+        r#"Graph(
+          version: 1, summary: "Outputs",
+          resources: { "image": Image(format: "rgba32f", size: (64, 1)), "hits": Image(format: "r32ui", size: (64, 1)) },
+          passes: [
+            Dispatch(name: "own", shader: "own.comp", size: Threads(64), bind: { "image": "image", "hits": "hits" }),
+          ],
+          output: "image", outputs: { "motion": "image", "hits": "hits" },
+        )"#,
+    );
+    let line = "render scene.ply -p own.ron --size 64x1 --output";
+    let integers = "expected the extension .npy or .exr: PNG cannot store 32-bit integers (output `hits`)";
+    place.refuses(&format!("{line} a.png --output"), &[("hits=h.png", 2, integers)]);
+    place.refuses(&format!("{line} a.png --format png --output"), &[("hits=h/", 2, integers)]);
+    assert!(!place.at("a.png").exists(), "it is refused before a frame is drawn");
+    place.done(&format!(
+        "{line} motion=m.npy --output motion=m.exr --output motion=m.png --output hits=h.exr"
+    ));
+    let header = String::from_utf8_lossy(&place.bytes("m.npy")[..100]).into_owned();
+    assert!(header.contains("(1, 64, 4,"), "{header}");
+    assert!(Image::header(&place.at("m.exr")).expect("a picture").has_alpha);
+    assert!(place.image("m.png").at(0, 0).iter().zip([0.2, 0.4, 0.6]).all(|(a, b)| (a - b).abs() < 1e-6));
 }
 
 #[test]

@@ -28,7 +28,7 @@ use crate::io::image::{
 use crate::io::output::OutputError;
 use splatgraph_api::Inspect;
 use splatgraph_assets::{Camera, NEAR, Projection};
-use splatgraph_framework::ir::{PassId, Value, Work};
+use splatgraph_framework::ir::{Format as Pixel, PassId, Shape, Value, Work};
 use splatgraph_framework::plan::Plan;
 use std::borrow::Cow;
 use std::f64::consts::FRAC_PI_2;
@@ -47,6 +47,9 @@ pub const NAMES: [(&str, &str); 7] = [
     ("contributors", "the number of splats that are blended (uint32)"),
     ("index", "the index of the splat with the largest share; 4294967295 without splats (uint32)"),
 ];
+
+/// Name of the built-in output with three channels.
+const NORMAL: &str = "normal";
 
 /// The output that is made from the picture and `alpha`, with its description. It is not in [`NAMES`], because no graph
 /// declares it.
@@ -161,14 +164,16 @@ pub fn inspections(plan: &Plan) -> Vec<Inspect> {
     after.into_iter().flat_map(output).collect()
 }
 
-/// Interprets the bytes of a frame's [`inspections`] as outputs. The fourth channel of an image is dropped.
+/// Interprets the bytes of a frame's [`inspections`] as outputs. The fourth channel of [`NORMAL`] is dropped.
 pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
     let outputs = plan.outputs.iter().zip(inspections(plan)).zip(inspected);
     let by_distance = sorts_by_distance(plan);
     let output = |((output, target), bytes): ((&splatgraph_framework::ir::Output, Inspect), &Vec<u8>)| {
         let Finding { mut shape, mut words, .. } = Finding::new(plan, &target, bytes, &[]);
-        // Images have one or four channels; a fourth is unused.
-        if let ([.., channels @ 4], Words::Float(values)) = (&mut shape[..], &mut words) {
+        // Images have one or four channels. A graph's own output may use all.
+        if let (NORMAL, [.., channels @ 4], Words::Float(values)) =
+            (output.name.as_str(), &mut shape[..], &mut words)
+        {
             *channels = 3;
             *values = values.chunks_exact(4).flat_map(|pixel| &pixel[..3]).copied().collect();
         }
@@ -216,15 +221,15 @@ fn rgba(picture: &Image, alpha: &Output, background: [f32; 3]) -> Option<Output>
     Some(Output { name: RGBA.0.into(), shape, words: Words::Float(values), by_distance: false })
 }
 
+const NO_INTEGERS: &str = "expected the extension .npy or .exr: PNG cannot store 32-bit integers";
+
 /// Checks that the output named `name` can be written in a format, as [`Output::save`] does.
 ///
 /// # Errors
 /// The format is not possible. The error lists the possible formats.
 pub fn check_format(name: &str, format: Format) -> Result<(), String> {
     let expected = match (name, format) {
-        ("contributors" | "index", Format::Png) => {
-            "expected the extension .npy or .exr: PNG cannot store 32-bit integers"
-        }
+        ("contributors" | "index", Format::Png) => NO_INTEGERS,
         ("depth" | "expected_depth" | "median_depth", Format::Png) => {
             "expected the extension .npy or .exr: PNG values end at 1, and depths exceed it"
         }
@@ -233,11 +238,30 @@ pub fn check_format(name: &str, format: Format) -> Result<(), String> {
     Err(format!("{expected} (output `{name}`)"))
 }
 
+/// Checks that a plan's outputs can be written in the formats of their files, before a frame is drawn.
+///
+/// # Errors
+/// An output of integers has a PNG file.
+pub fn check_formats<'a>(
+    plan: &Plan,
+    files: impl IntoIterator<Item = (&'a str, Format)>,
+) -> Result<(), String> {
+    let is_integer = |name: &str| {
+        let mut named = plan.outputs.iter().filter(|output| output.name == name);
+        named.any(|output| {
+            matches!(plan.resource(output.image).shape, Shape::Image { format: Pixel::R32Uint, .. })
+        })
+    };
+    let mut refused = files.into_iter().filter(|(name, format)| *format == Format::Png && is_integer(name));
+    refused.next().map_or(Ok(()), |(name, _)| Err(format!("{NO_INTEGERS} (output `{name}`)")))
+}
+
 impl Output {
     /// Writes the values in the extension's format: `.npy` and `.exr` keep floats or integers, `.png` is a picture.
     ///
     /// In a PNG, a normal is normalised and becomes the colour (n + 1) / 2, or black if it is zero. [`RGBA`] is written
-    /// with straight alpha in a PNG, and premultiplied in the other formats. Returns the number of pixels that the
+    /// with straight alpha in a PNG, and premultiplied in the other formats; the PNG of another output shows the first
+    /// three channels. Returns the number of pixels that the
     /// format cannot hold; `None` for formats that hold all values.
     ///
     /// # Errors
@@ -260,30 +284,34 @@ impl Output {
                 (1, "depth" | "expected_depth" | "median_depth") => &["Z"],
                 (1, "index" | "contributors") => &[&self.name],
                 (1, _) => &["Y"],
-                (_, "normal") => &["N.X", "N.Y", "N.Z"],
+                (3, NORMAL) => &["N.X", "N.Y", "N.Z"],
                 (4, _) => &["R", "G", "B", "A"],
                 _ => &["R", "G", "B"],
             };
-            let about = (channels != 4).then(|| self.about());
+            let about = (self.name != RGBA.0).then(|| self.about());
             save_values(path, names, size, samples, about.as_deref())?;
             return Ok(None);
         }
         let values = match (Format::of(path), &self.words) {
             (Some(Format::Png), Words::Float(values)) => values,
             (_, Words::Float(values)) => return save_words(path, &self.shape, values).map(|()| None),
+            (Some(Format::Png), Words::Uint(_)) => {
+                let cause = format!("{NO_INTEGERS} (output `{}`)", self.name).into();
+                return Err(OutputError { path: path.to_owned(), cause }.into());
+            }
             (_, Words::Uint(words)) => return save_words(path, &self.shape, words).map(|()| None),
         };
-        if channels == 4 {
+        if self.name == RGBA.0 {
             return save_rgba_png(path, size, values).map(Some);
         }
         let pixel = |x: usize, y: usize| {
             let at = (y * width + x) * channels;
             let found = std::array::from_fn(|c| values[at + c.min(channels - 1)]);
-            if self.name == "normal" { colour_of_normal(found) } else { found }
+            if self.name == NORMAL { colour_of_normal(found) } else { found }
         };
         let image = Image::from_fn(size.0, size.1, pixel);
         // Other outputs of three channels may be colours.
-        let is_data = channels == 1 || self.name == "normal";
+        let is_data = channels == 1 || self.name == NORMAL;
         if is_data { image.save_png_of_data(path).map(Some) } else { image.save_as(Format::Png, path) }
     }
 }
@@ -291,9 +319,12 @@ impl Output {
 impl Output {
     /// Describes the values, for people who open the file.
     fn about(&self) -> String {
-        let what = NAMES.into_iter().find(|(name, _)| *name == self.name).map(|(_, what)| what);
+        // A graph's own output may have the name of a built-in one and hold something else, such as colours.
+        let is_built_in = (self.shape.len() == 2) != (self.name == NORMAL);
+        let what =
+            NAMES.into_iter().find(|(name, _)| is_built_in && *name == self.name).map(|(_, what)| what);
         let what = what.map(|what| format!(": {what}")).unwrap_or_default();
-        let depths = match (self.name.ends_with("depth"), self.by_distance) {
+        let depths = match (is_built_in && self.name.ends_with("depth"), self.by_distance) {
             (true, true) => ". Depths are distances from the camera",
             (true, false) => ". Depths are along the viewing axis (view z)",
             (false, _) => "",
@@ -343,6 +374,20 @@ mod tests {
         let premultiplied = Image::load(&path.with_extension("exr")).unwrap().rgb[0];
         assert!(premultiplied.iter().all(|v| (v - 0.2).abs() < 1e-6), "{premultiplied:?}");
         assert!(Image::header(&path.with_extension("exr")).unwrap().has_alpha);
+        // Own outputs, with a name of a built-in one.
+        let own = Words::Float(vec![0.25, 0.5, 0.75, 0.0]);
+        let [exr, npy] =
+            ["own.exr", "own.npy"].map(|file| save("expected_depth", own.clone(), &[1, 1, 4], file).unwrap());
+        let is_depth = std::fs::read(&exr).unwrap().windows(8).any(|part| part == b"distance");
+        assert!(Image::header(&exr).unwrap().has_alpha && !is_depth);
+        assert_eq!(Image::load(&npy).unwrap().rgb, [[0.25, 0.5, 0.75]]);
+        let shown = Image::load(&save("motion", own, &[1, 1, 4], "own.png").unwrap()).unwrap();
+        assert_eq!(shown.rgb[0].map(|v| (255.0 * v).round()), [64.0, 128.0, 191.0], "whatever its alpha");
+        let error = save("hits", Words::Uint(vec![7]), &[1, 1], "h.png").unwrap_err().to_string();
+        assert!(
+            error.contains("expected the extension .npy or .exr: PNG cannot store 32-bit integers"),
+            "{error}"
+        );
         let normals = Words::Float(vec![0.0, 0.0, -0.5, 0.0, 0.0, 0.0]);
         let colours = Image::load(&save("normal", normals, &[1, 2, 3], "n.png").unwrap()).unwrap();
         assert_eq!((colours.at(0, 0)[2], colours.at(1, 0)), (0.0, [0.0; 3]));

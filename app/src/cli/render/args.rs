@@ -350,6 +350,12 @@ impl Args {
         inspected.chain(outputs)
     }
 
+    /// Lists the outputs besides the picture, each with its file's format.
+    pub(super) fn formats(&self) -> impl Iterator<Item = (&str, Format)> {
+        self.named()
+            .map(|(name, file)| (name, Format::of(file).unwrap_or_else(|| in_folder(name, self.format))))
+    }
+
     /// Lists the outputs besides the picture, each with its file.
     pub(super) fn named(&self) -> impl Iterator<Item = (&str, &Path)> {
         self.output.iter().filter_map(|output| match output {

@@ -341,6 +341,7 @@ fn check_plan(args: &Args, session: &mut Session, guard: &mut OutputGuard, camer
     session.settings_without_effect().iter().for_each(say);
     session.background_note(args.background).iter().for_each(say);
     let plan = session.plan().context("no plan after `prepare`")?;
+    outputs::check_formats(plan, args.formats()).map_err(Usage)?;
     outputs::behind_note(plan, &args.drawing.set, camera).iter().for_each(say);
     if outputs::sorts_by_distance(plan) && !camera.projection.sees_behind() {
         let names = plan.outputs.iter().map(|output| output.name.as_str());
