@@ -56,7 +56,10 @@ pub enum BackendError {
     },
     /// A pass or an upload ran longer than [`Options::patience`](crate::Options::patience). A frame stays in flight and
     /// can be waited for again; an upload fails its load.
-    #[error("{place} has been running for {seconds} s; it may never end")]
+    #[error(
+        "{place} has been running for {seconds} s; it may never end, or the driver still compiles its shaders (lavapipe does so at \
+         the first dispatch)"
+    )]
     Stuck {
         /// Description of the running work, as in [`Running::place`](crate::Running::place).
         place: String,
@@ -211,7 +214,8 @@ mod tests {
         let stuck = BackendError::Stuck { place: "pass `sort.scan[0]` of `splat`".to_string(), seconds: 12 };
         assert_eq!(
             stuck.to_string(),
-            "pass `sort.scan[0]` of `splat` has been running for 12 s; it may never end"
+            "pass `sort.scan[0]` of `splat` has been running for 12 s; it may never end, or the driver still compiles its shaders \
+             (lavapipe does so at the first dispatch)"
         );
         assert_eq!(stuck.recovery(), Recovery::Retry);
         let [plan, pass, shader] = ["splat", "sort.scan[0]", "sort/scan.comp"].map(str::to_string);

@@ -118,9 +118,18 @@ pub fn notes(lines: &[Line]) -> Vec<String> {
             100.0 * (1.0 - busy)
         ));
     }
-    for name in names(Mark::Hidden) {
-        notes.push(format!("`{name}` is not judged: it reads the previous frame. {}", of_last_frame()));
-    }
+    let hidden = match names(Mark::Hidden)[..] {
+        [] => None,
+        [name] => Some(format!("`{name}` is not judged: it reads the previous frame")),
+        ref all if all.len() == lines.len() => {
+            Some("no setting is judged: all read the previous frame".into())
+        }
+        // A column marks them.
+        ref several => {
+            Some(format!("{} settings are not judged: they read the previous frame", several.len()))
+        }
+    };
+    notes.extend(hidden.map(|hidden| format!("{hidden}. {}", of_last_frame())));
     notes
 }
 
@@ -212,6 +221,10 @@ mod tests {
             notes.contains("`stale` is not judged") && notes.contains("frame 2 of a still view"),
             "{notes}"
         );
+        let hidden = [&lines[..], &lines[3..]].concat();
+        let said = |lines: &[Line]| super::notes(lines).pop().unwrap_or_default();
+        assert!(said(&hidden).starts_with("2 settings are not judged: they read the previous frame. Its "));
+        assert!(said(&hidden[3..]).starts_with("no setting is judged: all read the previous frame. Its "));
         assert_eq!(super::notes(&lines[..1]), [""; 0]);
         let rests = [Line { busy: Some(0.25), ..lines[0].clone() }];
         assert!(super::notes(&rests)[0].starts_with("the device is idle for 75 % of the time"));
