@@ -15,7 +15,7 @@ use crate::io::image::{ImageError, save_elements, save_words};
 use half::f16;
 use serde::Serialize;
 use splatgraph_api::Inspect;
-use splatgraph_framework::ir::{Culled, Format, Pass, PassId, ResourceId, Run, Shape};
+use splatgraph_framework::ir::{Culled, Format, Pass, PassId, ResourceId, Run, Shape, Source};
 use splatgraph_framework::plan::{Plan, Resource};
 use splatgraph_framework::source::nearest;
 use std::ops::Range;
@@ -44,7 +44,8 @@ pub struct InspectError(String);
 /// Resolves `RESOURCE@PASS` in a plan. If several passes match, prefers the last one that uses the resource.
 ///
 /// # Errors
-/// The plan has no such resource or pass, or several resources match and the pass does not decide between them.
+/// The plan has no such resource or pass, several resources match and the pass does not decide between them, or no pass
+/// has written the resource by then.
 pub fn resolve(plan: &Plan, resource: &str, pass: &str) -> Result<Inspect, InspectError> {
     let passes = find_passes(plan, pass)?;
     let target = |after: &PassId| {
@@ -54,7 +55,33 @@ pub fn resolve(plan: &Plan, resource: &str, pass: &str) -> Result<Inspect, Inspe
     let uses =
         |target: &Inspect| plan.pass(target.after).uses.iter().any(|touch| touch.resource == target.resource);
     let used = passes.iter().filter_map(|after| target(after).ok()).find(uses);
-    used.map_or_else(|| target(&passes[0]), Ok)
+    let found = used.map_or_else(|| target(&passes[0]), Ok)?;
+    check_written(plan, &found)?;
+    Ok(found)
+}
+
+/// Refuses a resource before its first writer: it would have the contents of the previous frame, or of another camera.
+fn check_written(plan: &Plan, target: &Inspect) -> Result<(), InspectError> {
+    let Resource { name, source, history, .. } = plan.resource(target.resource);
+    if history.is_some() || !matches!(source, Source::Transient | Source::Readback) {
+        return Ok(());
+    }
+    let writes = |id: &PassId| {
+        plan.pass(*id).uses.iter().any(|touch| touch.resource == target.resource && touch.accesses.writes())
+    };
+    let first = plan.order().find(writes);
+    if first.is_some() && plan.order().find(|id| Some(*id) == first || *id == target.after) == first {
+        return Ok(());
+    }
+    let pass = |id: PassId| &plan.pass(id).name;
+    Err(InspectError(match first {
+        Some(first) => format!(
+            "`{name}` has no contents yet after `{}`: `{}` is the first pass that writes it",
+            pass(target.after),
+            pass(first)
+        ),
+        None => format!("`{name}` has no contents: no pass writes it"),
+    }))
 }
 
 /// Names the first five passes that are left out because nothing reads what they write, and counts the others.
@@ -342,7 +369,7 @@ fn words(resource: &Resource, bytes: &[u8]) -> (Vec<u64>, Words) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use splatgraph_framework::ir::{Accesses, Origin, Source, Stages, Usage, Use, Work};
+    use splatgraph_framework::ir::{Accesses, Origin, Stages, Usage, Use, Work};
 
     fn origin() -> Origin {
         Origin { file: "test.ron".into(), line: 1, column: 1 }
@@ -414,6 +441,8 @@ mod tests {
     #[test]
     fn indices_of_any_repeat_around_a_pass_can_be_left_out() {
         let mut plan = plan();
+        // It has contents after any pass.
+        plan.resources[2].history = Some("args".into());
         let names = ["turn[0].sort.scatter[1]", "turn[1].sort.scatter[0]", "turn[1].sort.scatter[1]"];
         plan.passes.iter_mut().zip(names).for_each(|(pass, name)| pass.name = name.into());
         let after = |name: &str| resolve(&plan, "args", name).map(|found| found.after.0);
@@ -440,6 +469,10 @@ mod tests {
         );
         // No step of the plan runs `both`.
         assert!(error("keys", "both").starts_with("no pass `both` runs"));
+        assert_eq!(
+            error("args", "scatter"),
+            "`args` has no contents yet after `sort.scatter[1]`: `draw` is the first pass that writes it"
+        );
     }
 
     #[test]
