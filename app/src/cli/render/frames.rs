@@ -67,10 +67,10 @@ pub fn draw(
     // Their number varies from run to run, so there are none if the picture depends on the number of frames.
     let begun = Instant::now();
     let mut warm = args.repeat == 1 || is_animated(&plan);
-    // Timestamps of passes take time, so the measured frames have none: passes are timed in the warm-up. Without one,
-    // the first frame and the last few have them. A timeline shows the passes of all frames.
+    // Timestamps of passes take time, so of several frames only the last few have them, and the first, which runs the
+    // prologue. A timeline shows the passes of all frames.
     let may_omit = args.timeline.is_none();
-    let profiled = if warm { interleaved::PROFILED.min(args.repeat / 2) } else { 0 };
+    let profiled = interleaved::PROFILED.min(args.repeat / 2);
     let (mut counted, mut first) = (0, true);
     while counted < args.repeat {
         counted += u32::from(warm);
@@ -84,7 +84,7 @@ pub fn draw(
             read_output: read_output && last,
             live: Vec::new(),
             inspect: asked.iter().map(|&i| targets[i]).chain(outputs_of(last)).collect(),
-            untimed_passes: may_omit && warm && !first && counted <= args.repeat - profiled,
+            untimed_passes: may_omit && !first && counted <= args.repeat - profiled,
             warm_up: !warm,
         };
         first = false;

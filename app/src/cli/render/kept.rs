@@ -1,26 +1,22 @@
 //! Collects the results of a camera's measured frames, and the times of the prologue.
 
-use crate::draw::interleaved::PROFILED;
 use crate::draw::stats::CameraStats;
 use splatgraph_api::{DeviceInfo, FrameResult, Pixels};
 use splatgraph_framework::ir::Run;
 use splatgraph_framework::plan::Plan;
-use std::collections::VecDeque;
 use std::time::Instant;
 
 #[derive(Default)]
 pub struct Kept {
     /// Result of the frame that ran the prologue, if that frame is not measured.
     once: Option<FrameResult>,
-    /// The last frames of the warm-up, for the times of passes.
-    profiled: VecDeque<FrameResult>,
     counted: Vec<FrameResult>,
     /// Completion times of the measured frames.
     done: Vec<Instant>,
 }
 
 impl Kept {
-    /// Adds the next frame. If the frame is not measured, keeps only the times of its passes.
+    /// Adds the next frame. If the frame is not measured, keeps only the times of the prologue's passes.
     pub fn add(&mut self, mut result: FrameResult, plan: &Plan, counts: bool) {
         if counts {
             // Only the last frame's statistics are reported.
@@ -31,16 +27,11 @@ impl Kept {
             self.done.push(Instant::now());
             return;
         }
-        result = FrameResult { total_ms: None, stats: Vec::new(), inspected: Vec::new(), ..result };
-        let (once, each): (Vec<_>, Vec<_>) =
-            result.pass_ms.iter().partition(|(pass, _)| plan.pass(*pass).run == Run::Once);
-        if !once.is_empty() {
-            self.once = Some(FrameResult { pass_ms: once, ..result.clone() });
+        result.pass_ms.retain(|(pass, _)| plan.pass(*pass).run == Run::Once);
+        if !result.pass_ms.is_empty() {
+            self.once =
+                Some(FrameResult { total_ms: None, stats: Vec::new(), inspected: Vec::new(), ..result });
         }
-        if self.profiled.len() == PROFILED as usize {
-            self.profiled.pop_front();
-        }
-        self.profiled.push_back(FrameResult { pass_ms: each, ..result });
     }
 
     pub fn output(&mut self) -> Option<Pixels> {
@@ -63,7 +54,7 @@ impl Kept {
         if !counted.iter().all(is_profiled) {
             counted.iter_mut().filter(|frame| is_profiled(frame)).for_each(|frame| frame.total_ms = None);
         }
-        let all: Vec<FrameResult> = self.once.into_iter().chain(self.profiled).chain(counted).collect();
+        let all: Vec<FrameResult> = self.once.into_iter().chain(counted).collect();
         let stats = CameraStats::new(camera, plan, device, loaded, &all, memory);
         let record_ms = crate::draw::stats::median(record_ms).unwrap_or(stats.record_ms);
         CameraStats { busy, frames, record_ms, ..stats }
@@ -92,7 +83,7 @@ mod tests {
     use std::time::Duration;
 
     #[test]
-    fn passes_are_timed_in_the_warm_up_and_a_device_that_rests_is_told() {
+    fn passes_are_timed_after_the_warm_up_and_a_device_that_rests_is_told() {
         let plan = testing::plan("splat", &[], 8);
         let id = |name: &str| {
             PassId(plan.passes.iter().position(|pass| pass.name == name).expect("a pass") as u32)
@@ -109,10 +100,12 @@ mod tests {
         };
         let mut kept = Kept::default();
         kept.add(frame(90.0, true), &plan, false);
-        [80.0, 2.0, 2.5, 2.25].into_iter().for_each(|ms| kept.add(frame(ms, false), &plan, false));
-        // Measured frames have no timestamps of passes.
+        kept.add(frame(80.0, false), &plan, false);
+        // Only the last measured frames have timestamps of passes.
         let whole = |ms| FrameResult { pass_ms: vec![(id("project"), None)], ..frame(ms, false) };
-        (0..4).for_each(|_| kept.add(whole(1.0), &plan, true));
+        let parts = |ms| FrameResult { pass_ms: vec![(id("project"), Some(ms))], ..whole(1.0) };
+        let frames = [whole(1.0), whole(1.0), parts(2.0), parts(2.5)];
+        frames.into_iter().for_each(|frame| kept.add(frame, &plan, true));
         let begun = Instant::now();
         kept.done = (0..4).map(|at| begun + Duration::from_millis(4 * at)).collect();
         let stats = kept.stats(
