@@ -58,7 +58,7 @@ fn chain(passes: usize) -> Library {
     for i in 0..passes {
         let _ = writeln!(text, "  \"b{i}\": Buffer(stride: 4, count: {}),", 64 + i % 7);
     }
-    text += "  \"image\": Image(format: \"r32ui\", size: (64, 64)),\n}, passes: [\n";
+    text += "  \"image\": Image(format: \"r32f\", size: (64, 64)),\n}, passes: [\n";
     text += "  Dispatch(name: \"p0\", shader: \"make.comp\", size: Threads(64), bind: {\"To\": \"b0\"}),\n";
     for i in 1..passes {
         let (near, far) = (i - 1, i.saturating_sub(1 + i % 13).min(i.saturating_sub(2)));
@@ -83,12 +83,12 @@ fn chain(passes: usize) -> Library {
         format!("{head}{}void main() {{ uint i = gl_GlobalInvocationID.x; {body} }}\n", blocks.concat())
     };
     let (a, b, to) = (buffer(0, "readonly", "A"), buffer(1, "readonly", "B"), buffer(2, "writeonly", "To"));
-    let image = "layout(set = 0, binding = 3, r32ui) writeonly uniform uimage2D image;\n".to_string();
+    let image = "layout(set = 0, binding = 3, r32f) writeonly uniform image2D image;\n".to_string();
     let memory = [
         ("chain.ron", text),
         ("make.comp", shader(std::slice::from_ref(&to), "to[i] = i;")),
         ("join.comp", shader(&[a.clone(), b, to], "to[i] = a[i] + b[i];")),
-        ("show.comp", shader(&[a, image], "imageStore(image, ivec2(i, 0), uvec4(a[i]));")),
+        ("show.comp", shader(&[a, image], "imageStore(image, ivec2(i, 0), vec4(a[i]));")),
     ];
     Library {
         memory: memory.into_iter().map(|(name, text)| (name.to_string(), text)).collect(),

@@ -17,7 +17,7 @@ const GRAPH: &str = r#"Graph(
     "far": Buffer(stride: 4, count: 16, ping_pong: true, history: true),
     "part": Buffer(stride: 4, count: 16, history: true),
     "seen": Buffer(stride: 4, count: 16),
-    "output": Image(format: "r32ui", size: (16, 8)),
+    "output": Image(format: "rgba32f", size: (16, 8)),
   },
   passes: [
     Dispatch(name: "look back", shader: "look.comp", size: Threads(16), bind: { "Far": "last(far)", "Sum": "last(sum)", "Seen": "seen" }),
@@ -80,13 +80,13 @@ const SHADERS: [(&str, &str); 6] = [
         layout(set = 0, binding = 1, std430) readonly buffer Far { uint far[]; };
         layout(set = 0, binding = 2, std430) readonly buffer Seen { uint seen[]; };
         layout(set = 0, binding = 3, r32ui) uniform readonly uimage2D Trail;
-        layout(set = 0, binding = 4, r32ui) uniform writeonly uimage2D Shown;
+        layout(set = 0, binding = 4, rgba32f) uniform writeonly image2D Shown;
         layout(set = 0, binding = 5, std430) readonly buffer Part { uint part[]; };
         void main() {
             uint i = gl_GlobalInvocationID.x;
             ivec2 at = ivec2(i % 16, i / 16);
             uint shown = sum[i % 16] + far[i % 16] * 1000 + seen[i % 16] * 7919 + imageLoad(Trail, at).x * 104729 + part[i % 16] * 31;
-            if (i < 128) imageStore(Shown, at, uvec4(shown));
+            if (i < 128) imageStore(Shown, at, vec4(shown & 0xffff, shown >> 16, 0, 0));
         }",
     ),
 ];
@@ -158,7 +158,9 @@ fn histories_live_on_through_changes_of_the_plan_as_a_model_says() {
             let mut model = Model::default();
             let settings = row.iter().flat_map(|(settings, frames)| (0..*frames).map(move |_| *settings));
             for (number, (settings, outcome)) in settings.zip(&found).enumerate() {
-                let words: &[u32] = bytemuck::cast_slice(&outcome.output);
+                let pixels: &[[f32; 4]] = bytemuck::cast_slice(&outcome.output);
+                let words: Vec<u32> =
+                    pixels.iter().map(|[low, high, ..]| *low as u32 | (*high as u32) << 16).collect();
                 assert_eq!(
                     words,
                     model.frame(settings),

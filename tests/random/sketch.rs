@@ -289,7 +289,7 @@ impl Sketch {
                 binds.push(Bind { what, reads: true, writes: false, stage: Stage::Fragment });
             }
         }
-        self.images.push(ImageWish { color: recipe.drawn, size: LARGEST, history: false });
+        self.images.push(ImageWish { color: true, size: LARGEST, history: false });
         let output = self.output();
         let work = if recipe.drawn {
             Kind::Draw { targets: vec![(output, false)], strip: false }

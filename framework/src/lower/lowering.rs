@@ -15,7 +15,7 @@ use super::scope::Names;
 use crate::expr::name_unknown_in;
 use crate::ir::{Domain, EXPORT, FileId, HOST, Param, ParamSet, Request, ResourceId, Span};
 use crate::schema::{Expression, Graph, Number};
-use crate::source::{Diagnostic, Place, SourceMap};
+use crate::source::{Diagnostic, MAX_RENDERED, Place, SourceMap};
 
 /// Name of an included graph's output: the includer refers to it as `include.picture`.
 pub(super) const PICTURE: &str = "picture";
@@ -173,12 +173,13 @@ fn needs(lets: &IndexMap<String, Number>, from: &str, on: &str) -> bool {
         let Some(Number::Expression(Expression { parsed: Ok(expression), .. })) = lets.get(name) else {
             continue;
         };
-        if !seen.insert(name) {
-            continue;
-        }
-        open.extend(expression.names().map(|(name, _)| name));
-        if open.contains(&on) {
-            return true;
+        for (name, _) in expression.names() {
+            if name == on {
+                return true;
+            }
+            if seen.insert(name) {
+                open.push(name);
+            }
         }
     }
     false
@@ -252,7 +253,8 @@ impl<'a> Lowering<'a> {
                     let later = known.filter(|(other, ..)| *other >= at).map(|(_, name, _)| name);
                     self.errors.push(match later {
                         None => diagnostic,
-                        Some(later) if needs(lets, later, name) => {
+                        // Each search may walk all `let`s, so errors that are not printed have none.
+                        Some(later) if self.errors.len() < MAX_RENDERED && needs(lets, later, name) => {
                             let message = format!("the value of `{name}` depends on itself");
                             let span = diagnostic.primary.span;
                             let error = Diagnostic::new(message, span, format!("needs `{later}`"));

@@ -21,7 +21,21 @@ impl<'a> Lowering<'a> {
             ));
             return None;
         };
-        self.output_image(level, name, &root.field("output"))
+        let at = root.field("output");
+        let id = self.output_image(level, name, &at)?;
+        // A part's picture is a resource for its includer.
+        let is_picture = level.include.is_none();
+        if is_picture
+            && let Shape::Image { format: Format::R32Uint, .. } = self.lowered.plan.resource(id).shape
+        {
+            let message = "expected an output of the format rgba8, rgba16f, rgba32f or r32f, found r32ui";
+            let error = at.error(message, "whole numbers are not colours");
+            let help =
+                "name it in `outputs` (`render --output NAME=FILE.npy`), or read it with `render --inspect`";
+            self.errors.push(error.with_help(help));
+            return None;
+        }
+        Some(id)
     }
 
     /// Reports requested outputs (facts such as `outputs.depth`) that the graph does not have.

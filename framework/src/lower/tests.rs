@@ -352,6 +352,21 @@ fn a_buffer_that_comes_with_every_frame_is_read_as_a_storage_buffer() {
 }
 
 #[test]
+fn a_long_chain_of_lets_in_the_wrong_order_is_refused_at_once() {
+    let lets: String = (0..4000).map(|i| format!("\"p{i}\": \"min(p{0}, p{0})\", ", i + 1)).collect();
+    let text = graph("", &[make(), shown("show")].concat()).replacen(
+        "resources:",
+        &format!("let: {{ {lets}\"p4000\": 1 }}, resources:"),
+        1,
+    );
+    let begun = std::time::Instant::now();
+    let error = try_plan_of(&[("graph.ron", &text)], &[]).expect_err("they are declared below");
+    assert!(error.contains("a `let` can use only those above it"), "{error}");
+    // With a walk over all others per `let`, it takes half a minute.
+    assert!(begun.elapsed().as_secs() < 10, "{:?}", begun.elapsed());
+}
+
+#[test]
 fn a_long_chain_of_passes_is_solved() {
     let passes = [
         make(),

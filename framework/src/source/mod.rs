@@ -34,5 +34,6 @@ pub use errors::{GraphErrors, PlainDiagnostic, Severity};
 pub use files::{Kind, Library, NotFound, SourceMap, canonical};
 pub use outline::Outline;
 pub use place::Place;
+pub(crate) use render::MAX_RENDERED;
 pub use render::{render, render_warnings};
 pub use ron_error::ron_error;

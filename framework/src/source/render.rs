@@ -9,7 +9,7 @@ use super::{Diagnostic, Label, SourceMap};
 use crate::ir::{FileId, Span};
 
 /// Maximum number of diagnostics to render.
-const MAX_RENDERED: usize = 100;
+pub(crate) const MAX_RENDERED: usize = 100;
 
 /// Soft limit on the total length of the diagnostics' lines, in bytes: rendering a diagnostic reads its whole line.
 const MAX_LINE_BYTES: usize = 4 << 20;

@@ -19,6 +19,9 @@ pub(super) const MAX_DIAGNOSTICS: usize = 10;
 /// Message of glslang for an overflow of its parser's stack.
 const PARSER_FULL: &str = "memory exhausted";
 
+/// The end of glslang's message for a workgroup that is larger than the compiler's limits.
+const WORKGROUP: &str = "gl_MaxComputeWorkGroupSize";
+
 /// Messages of glslang for a second declaration of a name.
 const SECOND: [&str; 3] = ["redefinition", "function already has a body", "Cannot reuse block name"];
 /// The end of glslang's message for a member of a block without a name, such as that of the live parameters.
@@ -207,6 +210,9 @@ impl Entry<'_> {
         let message = match self.token {
             _ if self.message == PARSER_FULL => {
                 "expected less nesting, found more than the compiler can parse".to_string()
+            }
+            _ if self.message.ends_with(WORKGROUP) => {
+                "expected a `local_size` of at most 1024 x 1024 x 64, found a larger one".to_string()
             }
             // In an argument, glslang's column is that of a name or a comma.
             Some("assign") => match found.filter(|found| found.ends_with('=')) {
