@@ -330,7 +330,8 @@ fn segments_are_as_long_as_asked_on_subgroups_of_32_lanes() {
 #[test]
 fn pictures_whose_bins_need_more_shared_memory_than_the_device_has_are_drawn_in_quads() {
     let graph = |kib: u32, width| {
-        let device = DeviceFacts { shared_bytes: kib << 10, ..facts::portable_device(32) };
+        let limits = facts::portable_device(32);
+        let device = DeviceFacts { shared_bytes: kib << 10, max_image_size: 1 << 15, ..limits };
         let facts = facts::facts(&SceneFacts::NOMINAL, &device, (width, 40));
         let set = [("record".to_string(), "f32".to_string())];
         let mut planner = Planner::default();

@@ -31,7 +31,6 @@ pub fn catalogue() -> Vec<(Target, &'static str)> {
         max_storage_bytes,
         max_invocations,
         shared_bytes: shared_kib << 10,
-        max_image_size: 16_384,
         ..portable(lanes)
     };
     let webgpu = DeviceFacts { max_image_size: 8192, ..portable(facts::USUAL_SUBGROUP_SIZE) };
@@ -80,7 +79,7 @@ pub fn catalogue() -> Vec<(Target, &'static str)> {
         device(
             "apple",
             with(facts::apple_device(), stores),
-            Some(31),
+            Some(facts::DESKTOP_STORAGE_BUFFERS),
             "Apple, Metal Feature Set Tables: family Apple 7",
         ),
         device(

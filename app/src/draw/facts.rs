@@ -116,6 +116,9 @@ pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts
 /// The maximum is reached by `project` for tiles, with harmonics of degree 3 and the output `depth`.
 pub const MAX_STORAGE_BUFFERS: usize = 20;
 
+/// Maximum number of storage buffers in a shader that all desktop GPUs support: Apple's.
+pub const DESKTOP_STORAGE_BUFFERS: usize = 31;
+
 /// Subgroup sizes of devices, ascending; 128 is Adreno's. The built-in graphs are checked for each.
 pub const SUBGROUP_SIZES: [u32; 6] = [4, 8, 16, 32, 64, 128];
 
@@ -135,8 +138,8 @@ pub const PORTABLE_FEATURES: Features = Features::SUBGROUP_BASIC
 /// the graphs require 256 invocations per workgroup (guaranteed: 128), [`MAX_STORAGE_BUFFERS`] storage buffers per
 /// shader (guaranteed: 4), and [`PORTABLE_FEATURES`] (guaranteed: only the basic subgroup operations).
 ///
-/// Images have the largest size of common GPUs (guaranteed: 4096), and passes up to 8 targets (guaranteed: 4): a plan
-/// without a device should not refuse what some device can draw.
+/// Images have the maximum size that all desktop GPUs support (guaranteed: 4096), and passes up to 8 targets
+/// (guaranteed: 4).
 pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
     DeviceFacts {
         subgroup_size,
@@ -148,7 +151,7 @@ pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
         max_invocations: 256,
         max_push_bytes: 128,
         max_targets: 8,
-        max_image_size: 32_768,
+        max_image_size: 16_384,
         rounds_half: false,
         fused_fma: false,
         features: PORTABLE_FEATURES,
@@ -157,14 +160,13 @@ pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
 
 /// Returns the facts of the smallest GPU of family Apple 7.
 ///
-/// Buffer size, threadgroup memory, threads and image size are the minima in Apple's "Metal Feature Set Tables", and
-/// `fma` rounds once. All else is as for [`portable_device`].
+/// Buffer size, threadgroup memory and threads are the minima in Apple's "Metal Feature Set Tables", and `fma` rounds
+/// once. All else is as for [`portable_device`].
 pub fn apple_device() -> DeviceFacts {
     DeviceFacts {
         max_storage_bytes: 1 << 28,
         shared_bytes: 32 << 10,
         max_invocations: 1024,
-        max_image_size: 16_384,
         fused_fma: true,
         ..portable_device(USUAL_SUBGROUP_SIZE)
     }

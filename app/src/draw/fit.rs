@@ -55,7 +55,8 @@ impl Target {
     /// Returns the least capable supported device, with unknown memory.
     pub fn nominal() -> Target {
         let facts = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
-        Target::new("the least capable supported device", facts)
+        let storage_buffers = Some(facts::DESKTOP_STORAGE_BUFFERS);
+        Target { storage_buffers, ..Target::new("the least capable supported device", facts) }
     }
 
     /// Returns a device with these facts, of which nothing else is known.

@@ -32,14 +32,14 @@ const EXAMPLES: &str = "Examples:
 /// Check graphs and their shaders, without a GPU
 ///
 /// Builds every graph with its shaders for a nominal scene and the least capable supported device, with subgroups of 4
-/// to 128 lanes. Errors are shown at their line and column. A graph's requirement that this device does not meet is
-/// reported, but is not an error: the graph is then checked with other facts of the device or the scene, with which its
-/// requirements are met. So are the graphs of a choice that are not drawn. If no such facts are found, this is an
-/// error, or a warning for one of several graphs of a choice. An oracle replays the barriers of each plan, and reports
-/// missing barriers and needless bits. A parameter of --set without an effect gives a warning, and so does a parameter
-/// of the graph's file that neither the file nor its shaders mention. With --device, graphs are built for that device
-/// instead, and unmet requirements are errors. Graphs with outputs besides the picture are also built with all of them
-/// requested.
+/// to 128 lanes, images of at most 16384 pixels a side, and 31 storage buffers in a shader. Errors are shown at their
+/// line and column. A graph's requirement that this device does not meet is reported, but is not an error: the graph is
+/// then checked with other facts of the device or the scene, with which its requirements are met. So are the graphs of
+/// a choice that are not drawn. If no such facts are found, this is an error, or a warning for one of several graphs of
+/// a choice. An oracle replays the barriers of each plan, and reports missing barriers and needless bits. A parameter
+/// of --set without an effect gives a warning, and so does a parameter of the graph's file that neither the file nor
+/// its shaders mention. With --device, graphs are built for that device instead, and unmet requirements are errors.
+/// Graphs with outputs besides the picture are also built with all of them requested.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -150,7 +150,7 @@ enum On<'a> {
 
 /// Returns the least capable supported device, named after the number of lanes in a subgroup.
 fn smallest(lanes: u32) -> Target {
-    Target::new(&lanes.to_string(), facts::portable_device(lanes))
+    Target { name: lanes.to_string(), facts: facts::portable_device(lanes), ..Target::nominal() }
 }
 
 fn as_json(

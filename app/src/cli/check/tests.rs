@@ -78,6 +78,37 @@ fn a_scene_too_large_for_the_smallest_device_is_answered_with_one_that_fits() {
     assert_eq!(too_large(planner, "unsorted", &[], 1_000_000, &Target::nominal()), None);
 }
 
+#[test]
+fn a_graph_beyond_the_limits_of_desktop_gpus_fails_without_a_device_too() {
+    let large = graph("", "good.comp", "8, 8").replace("size: (8, 8)", "size: (16385, 8)");
+    let buffer = |i: u32| format!("\"b{i}\": Buffer(stride: 4, count: 1)");
+    let binding = |i: u32| format!("\"B{i}\": \"b{i}\"");
+    // Binding 31 is reserved.
+    let block = |i: u32| {
+        let binding = i + 1 + i / 30;
+        format!("layout(set = 0, binding = {binding}, std430) buffer B{i} {{ uint b{i}; }};\n")
+    };
+    let all =
+        |each: &dyn Fn(u32) -> String, between: &str| (0..32).map(each).collect::<Vec<_>>().join(between);
+    let many = graph("", "many.comp", "8, 8")
+        .replace("resources: {", &format!("resources: {{ {},", all(&buffer, ", ")))
+        .replace("bind: {", &format!("bind: {{ {},", all(&binding, ", ")));
+    let folder = folder(&[("large.ron", &large), ("many.ron", &many)]);
+    let stores = all(&|i| format!("b{i} = 1;"), " ");
+    let shader = format!(
+        "#version 460\nlayout(local_size_x = 8, local_size_y = 8) in;\n\
+         layout(set = 0, binding = 0, rgba8) writeonly uniform image2D image;\n{}\
+         void main() {{ {stores} imageStore(image, ivec2(0), vec4(1.0)); }}\n",
+        all(&block, "")
+    );
+    std::fs::write(folder.path().join("many.comp"), shader).expect("writable");
+    let errors = result(&folder, "large.ron").expect_err("too large").to_string();
+    assert!(errors.contains("expected at most 16384, found 16385"), "{errors}");
+    let found = result(&folder, "many.ron").expect("no error");
+    let why = "expected at most 31 storage buffers in a shader, found: ";
+    assert!(matches!(&found, Verdict::Lacking(line) if line.starts_with(why)), "{found:?}");
+}
+
 /// Creates a folder with these files (name and text), and with the shaders good.comp and bad.comp, which does not
 /// compile.
 fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
