@@ -4,7 +4,7 @@ mod pairs;
 
 use super::options;
 use super::outcome::{Outcome, Usage};
-use crate::io::image::{Depth, ENCODING, Format, Image, split_member};
+use crate::io::image::{Depth, ENCODING, Format, Image, keep_archives, split_member};
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{OutputGuard, is_standard_output, one_line, say};
 use crate::io::report::text;
@@ -121,7 +121,7 @@ impl Means {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let (text, failures) = compare(args)?;
+    let (text, failures) = keep_archives(|| compare(args))?;
     let printed = match &args.json {
         Some(path) => options::write_text(Some(path), &format!("{text}\n")),
         None => options::print(&text),

@@ -24,7 +24,7 @@ use std::str::FromStr;
 use tracing::info_span;
 
 pub use exr::{ENCODING, Samples, save_values};
-pub use npy::{ElementField, npz_names, save_elements, save_words, split_member};
+pub use npy::{ElementField, keep_archives, npz_names, save_elements, save_words, split_member};
 pub(crate) use pixels::is_finite;
 pub use pixels::{Depth, Header, Image, ImageError, NotFinite};
 

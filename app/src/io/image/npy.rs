@@ -7,6 +7,8 @@
 use super::pixels::{Depth, Header, Image, ImageError, check_size, has_extension, open, room};
 use crate::io::output::{self, file::Cause};
 use npyz::{AutoSerialize, DType, NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
+use std::cell::RefCell;
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, Write};
 use std::marker::PhantomData;
@@ -152,15 +154,30 @@ fn array<T>(
     path: &Path,
     body: impl FnOnce(Array<BufReader<Box<dyn Read + '_>>>) -> Result<T, ImageError>,
 ) -> Result<T, ImageError> {
-    let mut npz;
-    let bytes: Box<dyn Read> = match split_member(path) {
-        Some((archive, array)) => {
-            npz = open_npz(&archive)?;
-            Box::new(member(&archive, &mut npz, &array)?)
-        }
-        None => Box::new(open(path)?),
+    let parse = |bytes: Box<dyn Read + '_>| {
+        body(begin(BufReader::new(bytes)).map_err(|error| ImageError::new(path, error))?)
     };
-    body(begin(BufReader::new(bytes)).map_err(|e| ImageError::new(path, e))?)
+    let Some((archive, array)) = split_member(path) else { return parse(Box::new(open(path)?)) };
+    let kept = KEPT.with_borrow_mut(|kept| kept.as_mut()?.remove(&archive));
+    let mut npz = kept.map_or_else(|| open_npz(&archive), Ok)?;
+    let found = member(&archive, &mut npz, &array).and_then(|bytes| parse(Box::new(bytes)));
+    KEPT.with_borrow_mut(|kept| kept.as_mut().map(|kept| kept.insert(archive, npz)));
+    found
+}
+
+thread_local! {
+    /// Archives that [`keep_archives`] keeps open, by path; `None` outside of it.
+    static KEPT: RefCell<Option<HashMap<PathBuf, Npz>>> = const { RefCell::new(None) };
+}
+
+/// Keeps every archive that `work` opens on this thread open until it ends.
+///
+/// Opening an archive reads its whole directory. Once per array, the time would grow with the square of their number.
+pub fn keep_archives<T>(work: impl FnOnce() -> T) -> T {
+    KEPT.set(Some(HashMap::new()));
+    let result = work();
+    KEPT.set(None);
+    result
 }
 
 pub(super) fn load(path: &Path) -> Result<(Image<f64>, Depth), ImageError> {
@@ -197,11 +214,7 @@ pub(super) fn is_whole(path: &Path) -> Result<bool, ImageError> {
 }
 
 /// Opens an array of an archive. The array's own header, not the archive, determines how much is read.
-fn member<'a>(
-    archive: &Path,
-    npz: &'a mut ZipArchive<BufReader<File>>,
-    array: &str,
-) -> Result<impl Read + use<'a>, ImageError> {
+fn member<'a>(archive: &Path, npz: &'a mut Npz, array: &str) -> Result<impl Read + use<'a>, ImageError> {
     let name = format!("{array}.npy");
     if npz.index_for_name(&name).is_none() {
         let names = npz_names(archive)?.join(", ");
@@ -228,7 +241,9 @@ pub fn npz_names(archive: &Path) -> Result<Vec<String>, ImageError> {
     Ok(names)
 }
 
-fn open_npz(archive: &Path) -> Result<ZipArchive<BufReader<File>>, ImageError> {
+type Npz = ZipArchive<BufReader<File>>;
+
+fn open_npz(archive: &Path) -> Result<Npz, ImageError> {
     ZipArchive::new(open(archive)?).map_err(|e| ImageError::new(archive, e))
 }
 
@@ -406,5 +421,11 @@ mod tests {
             message.ends_with("a.npz: expected an array named `third`, found first, second"),
             "{message}"
         );
+        keep_archives(|| {
+            load(&folder.path().join("a.npz#first")).unwrap();
+            std::fs::remove_file(&path).unwrap();
+            // The archive is still open.
+            assert_eq!(load(&folder.path().join("a.npz#second")).unwrap().rgb, [[2.0; 3]]);
+        });
     }
 }
