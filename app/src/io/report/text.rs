@@ -46,9 +46,12 @@ pub fn optional(value: Option<impl ToString>) -> String {
     value.map_or(String::new(), |value| value.to_string())
 }
 
-/// Quotes a cell of CSV (RFC 4180).
+/// Quotes a cell of CSV (RFC 4180), with a `'` before a text that begins like a formula.
+///
+/// Spreadsheets ignore the quotes: a name from a stranger's file would be a formula (OWASP, "CSV Injection").
 pub fn quoted(cell: &str) -> String {
-    format!("\"{}\"", cell.replace('"', "\"\""))
+    let mark = if cell.starts_with(['=', '+', '-', '@', '\t', '\r']) { "'" } else { "" };
+    format!("\"{mark}{}\"", cell.replace('"', "\"\""))
 }
 
 /// Formats a CSV (RFC 4180). The header and the lines lack their line breaks. `more` are columns to append: a name, and
@@ -68,6 +71,14 @@ mod tests {
     fn names_stand_to_the_left_and_numbers_to_the_right() {
         let rows = [["é", "10.5"], ["longer", ""]].map(|row| row.map(String::from).to_vec());
         assert_eq!(table(["name", "ms"], rows), "name      ms\né       10.5\nlonger\n");
+    }
+
+    #[test]
+    fn a_text_that_begins_like_a_formula_stays_a_text() {
+        for begin in ["=", "+", "-", "@", "\t", "\r"] {
+            assert_eq!(quoted(&format!("{begin}1")), format!("\"'{begin}1\""));
+        }
+        assert_eq!(quoted("a=1"), "\"a=1\"");
     }
 
     #[test]
