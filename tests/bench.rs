@@ -120,9 +120,13 @@ fn a_graph_that_draws_no_scene_is_measured_too() {
 #[test]
 fn the_sort_alone_is_measured_and_what_does_not_fit_says_why() {
     let place = Place::new();
-    let text =
-        done(&place, "--suite sort --pairs 5000,20000,67108864 --json=sort.json -o out --set digit_bits=4");
+    let text = done(
+        &place,
+        "--suite sort --pairs 5000,20000,67108864 --json=sort.json -o out --set digit_bits=4 --no-robustness",
+    );
     let report = place.json("sort.json");
+    assert_eq!((&report["validate"], &report["no_robustness"]), (&true.into(), &true.into()));
+    assert!(text.contains("accesses of shaders are not checked (--no-robustness)"), "{text}");
     let found: Vec<(u64, u64, bool)> = rows(&report)
         .iter()
         .map(|row| {
@@ -181,6 +185,7 @@ fn a_graph_whose_requirements_no_device_meets_is_a_row_and_two_names_of_one_file
 fn mistakes_are_told_before_anything_is_drawn_and_a_candidate_that_does_not_fit_is_a_row() {
     let place = Place::new();
     place.cameras(&["one"]);
+    place.write("kept.json", "{}");
     place.refuses(
         SHORT,
         &[
@@ -195,6 +200,7 @@ fn mistakes_are_told_before_anything_is_drawn_and_a_candidate_that_does_not_fit_
             ("scene.ply --pairs 100", 2, "add --suite sort"),
             ("scene.ply --suite sort", 2, "SCENE is for --suite frames"),
             ("--suite sort --set key_bits=8", 2, "--set key_bits: --suite sort sets it itself"),
+            ("--suite sort --set digit_bits=12 --json=kept.json", 1, "12 is not in 1 to 11"),
             ("scene.ply --json=scene.ply", 2, "--json would overwrite the scene"),
             ("missing.ply", 1, "missing.ply"),
             (

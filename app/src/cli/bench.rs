@@ -102,12 +102,11 @@ const SORT_PLOT: &str = "sort";
 pub fn run(args: &Args) -> Result<Outcome> {
     let mut work = prepare(args)?;
     let device = args.device.open()?;
-    if args.suite == Suite::Frames {
-        check_graphs(args, device.info())?;
-    }
+    check_graphs(args, device.info())?;
     let frames = args.effort.frames();
     let copy = copy_limit(&device, frames, &mut Console::default())?;
-    let origin = Origin::new(device.info(), copy, frames, &args.set);
+    let opened = args.device.opened();
+    let origin = Origin { opened, ..Origin::new(device.info(), copy, frames, &args.set) };
     let measured = match args.suite {
         Suite::Frames => measure_frames(args, &device, origin, &mut work)?,
         Suite::Sort => measure_sorts(args, &device, origin)?,
@@ -167,7 +166,7 @@ fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
         let names: Vec<&str> = args.pipelines.iter().map(String::as_str).collect();
         planner.compared(&names).iter().for_each(say);
     }
-    for pipeline in &args.pipelines {
+    for pipeline in args.graphs() {
         let mut controls = |device| {
             planner.controls(pipeline, &args.set, &facts::facts(&scene, device, size), &catalog).map(drop)
         };
@@ -243,6 +242,14 @@ fn measure_scene(
 }
 
 impl Args {
+    /// Lists the graphs to measure.
+    fn graphs(&self) -> Vec<&str> {
+        match self.suite {
+            Suite::Frames => self.pipelines.iter().map(String::as_str).collect(),
+            Suite::Sort => vec![sort::GRAPH],
+        }
+    }
+
     /// Lists the picture sizes; without `--sizes`, a single `None`: each camera keeps its own size.
     fn sizes(&self) -> Vec<Option<(u32, u32)>> {
         if self.sizes.is_empty() { vec![None] } else { self.sizes.iter().copied().map(Some).collect() }

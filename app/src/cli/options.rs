@@ -7,6 +7,7 @@ use crate::draw::backend::{Api, Backend, Options, Validation};
 use crate::draw::builtin;
 use crate::draw::fit::Target;
 use crate::draw::interleaved::Frames;
+use crate::draw::stats::Opened;
 use crate::draw::storage;
 use crate::io::demo;
 use crate::io::output::{self, OutputGuard, is_standard_output, shell_word};
@@ -149,6 +150,11 @@ pub struct DeviceArgs {
 }
 
 impl DeviceArgs {
+    /// Returns the options that affect times, to record them.
+    pub fn opened(&self) -> Opened {
+        Opened { validate: self.validate, no_robustness: self.no_robustness }
+    }
+
     pub fn options(&self) -> Options {
         let validation = if self.validate { Validation::Synchronization } else { Validation::Off };
         Options {

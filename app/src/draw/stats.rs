@@ -11,6 +11,15 @@ use splatgraph_framework::ir::{Fallback, PassId, Reason, Run, Source, Value};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 
+/// Options with which a device was opened, and which affect times.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Opened {
+    /// True if the API validates every call, which takes time of the host.
+    pub validate: bool,
+    /// True if accesses of shaders are not checked.
+    pub no_robustness: bool,
+}
+
 /// Statistics of one camera.
 #[derive(Clone, Debug, Serialize)]
 pub struct CameraStats {
@@ -30,6 +39,9 @@ pub struct CameraStats {
     pub device: String,
     /// Driver of the device, with its version.
     pub driver: String,
+    /// Options of the device.
+    #[serde(flatten)]
+    pub opened: Opened,
     /// Values of all parameters of the graph, in the order of the file.
     pub parameters: Map<String, Json>,
     /// Reasons of parameter values, by parameter; only for values of expressions over facts or other parameters.
@@ -109,7 +121,7 @@ pub struct BufferSize {
 impl CameraStats {
     /// Summarises the frames of a camera: at least one, in the order of submission.
     ///
-    /// `loaded` is the scene's number of splats. [`CameraStats::busy`], `files` and `inspected` stay empty.
+    /// `loaded` is the scene's number of splats. [`CameraStats::opened`], `busy`, `files` and `inspected` stay empty.
     pub fn new(
         camera: (&str, (u32, u32)),
         plan: &Plan,
@@ -136,6 +148,7 @@ impl CameraStats {
             fallbacks: plan.fallbacks.clone(),
             device: device.name.clone(),
             driver: device.driver.clone(),
+            opened: Opened::default(),
             parameters: plan.params.iter().map(|p| (p.name.clone(), json(&p.value))).collect(),
             reasons: reasons(plan),
             counts,

@@ -10,7 +10,7 @@ use crate::cli::stdout::Stdout;
 use crate::draw::outputs::{self, Output, RGBA};
 use crate::draw::pictures::{self, Pictures};
 use crate::draw::session::{FrameOptions, Session, SessionError, image_of};
-use crate::draw::stats::CameraStats;
+use crate::draw::stats::{CameraStats, Opened};
 use crate::io::image::Format;
 use crate::io::output::{one_line, say};
 use crate::io::progress::Progress;
@@ -32,6 +32,8 @@ pub struct Batch {
     files: (Vec<(String, PathBuf, Format)>, usize),
     background: [f32; 3],
     stdout: Stdout,
+    /// Options of the device, to record them.
+    pub opened: Opened,
     flying: VecDeque<Flying>,
     pictures: Pictures<Told>,
     /// Channel that ends once no picture has its pixels in the device's memory: each of these holds a clone of the
@@ -77,6 +79,7 @@ impl Batch {
             files,
             background,
             stdout,
+            opened: Opened::default(),
             flying: VecDeque::new(),
             pictures: Pictures::new(jobs),
             pixels: channel(),
@@ -220,6 +223,7 @@ impl Batch {
         if self.reads_picture() && output.is_none() {
             bail!("the device returned no picture");
         }
+        stats.opened = self.opened;
         self.blind += usize::from(stats.sees_nothing());
         let (files, cameras) = &self.files;
         let file = |(name, file, format): &(String, PathBuf, Format)| {

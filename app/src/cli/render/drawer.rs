@@ -184,7 +184,8 @@ impl Drawer {
             |(name, file): (&str, &Path)| (name.to_owned(), file.to_owned(), in_folder(name, args.format));
         let files: Vec<(String, PathBuf, Format)> = args.named().map(file).collect();
         let (jobs, files) = ((options::jobs(args.jobs), args.json.is_some()), (files, loaded.cameras.len()));
-        let batch = Batch::new(jobs, work.destination.clone(), files, args.background, args.stdout());
+        let mut batch = Batch::new(jobs, work.destination.clone(), files, args.background, args.stdout());
+        batch.opened = args.device.opened();
         let with =
             With::Device { session: Box::new(session), batch: batch.into(), guard: work.guard.clone() };
         Ok(Drawer { loaded, stems, with })

@@ -3,6 +3,7 @@
 use super::limit::CopyLimit;
 use super::measure::{Figures, Found, Outcome, Part};
 use crate::draw::interleaved::{Figure, Frames};
+use crate::draw::stats::Opened;
 use crate::io::program;
 use crate::io::report::text::{self, optional, quoted};
 use indexmap::IndexSet;
@@ -27,6 +28,9 @@ pub struct Origin {
     pub driver: String,
     /// The copy limit; `None` if it cannot be measured, and on a CPU.
     pub copy: Option<CopyLimit>,
+    /// Options of the device.
+    #[serde(flatten)]
+    pub opened: Opened,
     /// True for a device on the CPU, where a driver may write a pass's timestamp before the pass is done.
     pub is_cpu: bool,
     /// Numbers of frames and rounds.
@@ -42,7 +46,7 @@ impl Origin {
         text::csv(header, lines, &[("device", &device), ("program", &self.program)])
     }
 
-    /// Creates the origin of a run on a device.
+    /// Creates the origin of a run on a device, without [`Origin::opened`].
     pub fn new(
         device: &DeviceInfo,
         copy: Option<CopyLimit>,
@@ -55,6 +59,7 @@ impl Origin {
             device: device.name.clone(),
             driver: device.driver.clone(),
             copy,
+            opened: Opened::default(),
             is_cpu: device.is_cpu(),
             effort,
             set: set.to_vec(),
@@ -158,7 +163,7 @@ impl Report {
                     all.extend(found.once.iter().map(|part| part_line(&mean, "once", part)));
                 }
                 Err(why) => {
-                    all.push(format!("{},failed,{},,,,,", start(row.size, ""), quoted(first_line(why))));
+                    all.push(format!("{},failed,{},,,,,", start(row.size, ""), quoted(&summary(why))));
                 }
             }
         }
@@ -180,10 +185,17 @@ impl Report {
     }
 }
 
-/// Returns the first line of an error message, without its label. The JSON keeps the whole message.
-pub(super) fn first_line(why: &str) -> &str {
+/// Returns the first line of an error message, and the label of its first place. The JSON keeps the whole message.
+pub(super) fn summary(why: &str) -> String {
     let line = why.lines().next().unwrap_or_default();
-    line.strip_prefix("error: ").unwrap_or(line)
+    let line = line.strip_prefix("error: ").unwrap_or(line);
+    // An underlined place, such as `  |     ^^^^ 12 is not in 1 to 11`.
+    let label =
+        why.lines().find_map(|line| line.trim_start().strip_prefix('|')?.trim_start().strip_prefix('^'));
+    match label.map(|label| label.trim_start_matches('^').trim()) {
+        None | Some("") => line.to_owned(),
+        Some(label) => format!("{line}: {label}"),
+    }
 }
 
 fn lines(start: &str, figures: &Figures) -> Vec<String> {
@@ -227,6 +239,7 @@ pub(super) mod testing {
             device: "none".into(),
             driver: "0".into(),
             copy: Some(copy),
+            opened: Opened::default(),
             is_cpu: false,
             effort: Frames { rounds: 3, frames: None },
             set: Vec::new(),
@@ -246,8 +259,8 @@ pub(super) mod testing {
 mod tests {
     use super::super::measure::testing::found;
     use super::super::table::tables;
-    use super::scene_names;
     use super::testing::report;
+    use super::{scene_names, summary};
 
     #[test]
     fn scenes_of_one_name_are_told_apart_by_their_folders() {
@@ -261,6 +274,14 @@ mod tests {
         report.rows[1].scene = "other/a.ply".into();
         let text = tables(&report);
         assert!(text.contains("\nscenes/a, 1,000") && text.contains("\nother/a, 1,000"), "{text}");
+    }
+
+    #[test]
+    fn a_failure_is_told_in_one_line_with_what_was_found() {
+        let why = "error: this graph needs warps\n --> a.ron:3:4\n  |\n3 |   (\"x\")\n  |    ^^^ found 8\n  |\n  = help: none";
+        assert_eq!(summary(why), "this graph needs warps: found 8");
+        assert_eq!(summary("error: no\n --> here\n  |  ^^^\n"), "no");
+        assert_eq!(summary("no memory"), "no memory");
     }
 
     #[test]

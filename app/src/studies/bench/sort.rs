@@ -2,7 +2,7 @@
 
 use super::limit::no_scene;
 use super::measure::{Bench, Found, Part};
-use super::report::{Origin, first_line};
+use super::report::{Origin, summary};
 use super::table::head;
 use crate::draw::backend::Backend;
 use crate::draw::interleaved::Figure;
@@ -151,7 +151,7 @@ impl Report {
             let sorted = match &row.found {
                 Ok(sorted) => sorted,
                 Err(why) => {
-                    missing += &format!("{name}: not sorted: {}\n", first_line(why));
+                    missing += &format!("{name}: not sorted: {}\n", summary(why));
                     continue;
                 }
             };
@@ -186,7 +186,7 @@ impl Report {
                 optional(sorted.phase.of_copy),
                 sorted.memory_bytes
             ),
-            Err(why) => format!("{pairs},{key_bits},,,,,,,,,{}", quoted(first_line(why))),
+            Err(why) => format!("{pairs},{key_bits},,,,,,,,,{}", quoted(&summary(why))),
         };
         self.origin.csv(header, self.rows.iter().map(line))
     }

@@ -1,7 +1,7 @@
 //! Formats the numbers of a run as tables for a terminal.
 
 use super::measure::{Found, Part};
-use super::report::{Origin, Report, Row, first_line, size_text};
+use super::report::{Origin, Report, Row, size_text, summary};
 use crate::draw::interleaved::Figure;
 use crate::draw::stats::{BUSY, CPU_TIMES};
 use crate::io::report::text::{number, table};
@@ -26,6 +26,12 @@ pub fn head(origin: &Origin, timed: bool) -> String {
     if origin.is_cpu {
         text += CPU_TIMES;
         text.push('\n');
+    }
+    if origin.opened.no_robustness {
+        text += "accesses of shaders are not checked (--no-robustness)\n";
+    }
+    if origin.opened.validate {
+        text += "the API validates every call (--validate): times of the host are longer\n";
     }
     if !timed {
         text += "this device has no timestamps: times are those of the host\n";
@@ -56,7 +62,7 @@ pub fn tables(report: &Report) -> String {
             text += &resting(row, found);
         }
         for (row, why) in rows.iter().filter_map(|row| Some((row, row.found.as_ref().err()?))) {
-            text += &format!("{}: not drawn: {}\n", row.pipeline, first_line(why));
+            text += &format!("{}: not drawn: {}\n", row.pipeline, summary(why));
         }
     }
     let places = report.rows.chunk_by(|a, b| place(a) == place(b)).count();
