@@ -1,10 +1,10 @@
 //! Ends the program cleanly on a signal.
 //!
 //! SIGINT, SIGTERM and SIGHUP end the program at once, regardless of what its threads are doing. Finished files stay,
-//! unfinished ones are removed, and the exit code is 128 plus the signal's number. A second signal ends it without that
-//! cleanup. A signal that the parent process set to be ignored, as `nohup` does, stays ignored. A file that exceeds the
-//! process's size limit causes an error, and does not end the program. On Windows, Ctrl-C, Ctrl-Break and a closed
-//! console do the same, with the exit code of Ctrl-C.
+//! and unfinished ones are removed. The program then dies of the signal: shells report 128 plus its number. A second
+//! signal ends it without that cleanup. A signal that the parent process set to be ignored, as `nohup` does, stays
+//! ignored. A file that exceeds the process's size limit causes an error, and does not end the program. On Windows,
+//! Ctrl-C, Ctrl-Break and a closed console do the same, with the exit code of Ctrl-C.
 
 /// Installs the signal handlers. Call it once, at the start of the program.
 ///
@@ -16,7 +16,7 @@ pub fn end_cleanly() {
     use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
     use signal_hook::{flag, iterator::Signals, low_level};
     use std::sync::Arc;
-    use std::sync::atomic::AtomicBool;
+    use std::sync::atomic::{AtomicBool, Ordering};
     use std::thread::Builder;
 
     // A handler that does nothing replaces the default, which would end the program. The write then fails.
@@ -26,17 +26,39 @@ pub fn end_cleanly() {
     let wait = move || {
         let Ok(mut signals) = Signals::new(&wanted) else { return };
         let again: Arc<AtomicBool> = Arc::default();
-        // In this order, the first signal only sets `again`, and the second ends the program.
-        for signal in &wanted {
-            let _ = flag::register_conditional_shutdown(*signal, 128 + signal, again.clone());
-            let _ = flag::register(*signal, again.clone());
+        for signal in wanted {
+            let again = again.clone();
+            let end_on_second = move || {
+                if again.swap(true, Ordering::Relaxed) {
+                    die_of(signal);
+                }
+            };
+            // SAFETY: the handler only calls async-signal-safe functions.
+            let _ = unsafe { low_level::register(signal, end_on_second) };
         }
         if let Some(signal) = signals.forever().next() {
             let _held = file::abandon();
-            low_level::exit(128 + signal);
+            die_of(signal);
         }
     };
     let _ = Builder::new().name("signals".into()).spawn(wait);
+}
+
+/// Ends the process by the signal's default action. An exit code would not do: bash continues a loop after Ctrl-C,
+/// unless the program dies of SIGINT. Handlers may call this function.
+#[cfg(unix)]
+fn die_of(signal: i32) -> ! {
+    // SAFETY: the calls are async-signal-safe, zeros are a valid `sigset_t`, and the pointers are to it or null.
+    unsafe {
+        libc::signal(signal, libc::SIG_DFL);
+        let mut set: libc::sigset_t = std::mem::zeroed();
+        libc::sigemptyset(&raw mut set);
+        libc::sigaddset(&raw mut set, signal);
+        libc::pthread_sigmask(libc::SIG_UNBLOCK, &raw const set, std::ptr::null_mut());
+        libc::raise(signal);
+    }
+    // The first process of a container ignores signals that have no handler.
+    signal_hook::low_level::exit(128 + signal)
 }
 
 /// Flushes standard output, and ends the process without running its libraries' exit handlers. Unfinished files are
