@@ -8,7 +8,7 @@ use crate::io::losses;
 use crate::io::output::{self, names, say};
 use crate::io::progress::Progress;
 use crate::lsp;
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use splatgraph_assets::{Camera, Content, LoadError, QUIET, Scene, SceneError, SceneFormat};
 use splatgraph_framework::ir::Catalog;
 use splatgraph_framework::source::nearest;
@@ -32,6 +32,10 @@ pub fn open_and_load<D, L: Send>(
     load: impl FnOnce(&AtomicBool) -> Result<L> + Send,
 ) -> Result<(D, L)> {
     let cancel = AtomicBool::new(false);
+    if rayon::current_thread_index().is_some() {
+        // This thread is the pool (see `threads`), so it cannot wait for a load that needs the pool.
+        return Ok((open()?, load(&cancel)?));
+    }
     thread::scope(|scope| {
         let loading = thread::Builder::new()
             .name("scene".into())
@@ -104,7 +108,7 @@ pub fn nearby(error: &LoadError) -> Option<PathBuf> {
 /// Loads the scene at `path`, or the demo scene for `None`. Returns the scene, its path, and the demo scene's camera;
 /// `None` for a scene at `path`.
 ///
-/// The demo scene is generated, and written to its path if possible, unless its file can be loaded. With a level, which
+/// The demo scene is generated, and written to its path if possible, unless its file is intact. With a level, which
 /// the demo scene lacks, loading fails. Setting `cancel` stops the load of a scene file, but not of the demo scene.
 pub fn scene_or_demo(
     cancel: &AtomicBool,
@@ -115,9 +119,13 @@ pub fn scene_or_demo(
         let path = demo::path().context(
             "the demo scene has no folder: set XDG_CACHE_HOME or HOME to an absolute path, or name a scene",
         )?;
+        let intact = || {
+            ensure!(demo::is_intact(&path)?, "{} does not have the checksum in its name", path.display());
+            load_scene(&path, load)
+        };
         if path.is_file() {
-            match load_scene(&path, load) {
-                // A crash or a full disk may have damaged the file.
+            match intact() {
+                // A crash, a full disk or another program may have damaged the file.
                 Err(error) if load.level.is_none() => {
                     say(format!("{error}; the demo scene is generated again"))
                 }

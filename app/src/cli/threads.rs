@@ -4,19 +4,30 @@
 //! `ulimit -v`. After a failed attempt, the global pool cannot be built again. Therefore, the threads are started
 //! first, and the pool gets half of those that did start.
 
+use crate::io::output::say;
 use rayon::{ThreadBuilder, ThreadPoolBuilder};
 use std::io;
 use std::sync::mpsc::{Sender, channel};
 use std::thread::{Builder, available_parallelism};
 
+/// Environment variable with the number of worker threads; 0 or nothing for one per core.
+const VARIABLE: &str = "RAYON_NUM_THREADS";
+
 pub fn build_pool() {
-    let wanted = std::env::var("RAYON_NUM_THREADS").ok().and_then(|number| number.parse().ok());
-    let wanted =
-        wanted.filter(|number| *number > 0).unwrap_or_else(|| available_parallelism().map_or(1, usize::from));
+    let text = std::env::var_os(VARIABLE).unwrap_or_default();
+    let number = text.to_str().and_then(|text| text.parse().ok());
+    if number.is_none() && !text.is_empty() {
+        say(format!(
+            "{VARIABLE}: expected a number of threads, found {}: one per core is used",
+            text.display()
+        ));
+    }
+    let wanted = number.filter(|number| *number > 0);
+    let wanted = wanted.unwrap_or_else(|| available_parallelism().map_or(1, usize::from));
     spare_addresses();
     // Start twice as many and drop half: the graphics driver and the rest of the program need threads and memory too.
     let mut waiting = start(wanted.saturating_mul(2));
-    waiting.truncate(waiting.len() / 2);
+    waiting.truncate(waiting.len().div_ceil(2));
     let pool = ThreadPoolBuilder::new();
     let built = match waiting.len() {
         0 => pool.num_threads(1).use_current_thread().build_global(),

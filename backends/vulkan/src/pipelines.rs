@@ -88,16 +88,25 @@ fn in_parallel<T: Send>(
     let (begun, stopped) = (AtomicUsize::new(0), AtomicBool::new(false));
     let (sender, created) = mpsc::channel();
     thread::scope(|scope| {
-        for _ in 0..threads {
+        for thread in 0..threads {
             let (sender, create, begun, stopped) = (sender.clone(), &create, &begun, &stopped);
-            scope.spawn(move || {
+            let work = move || {
                 while !stopped.load(Ordering::Relaxed) {
                     let at = begun.fetch_add(1, Ordering::Relaxed);
                     if at >= count || sender.send((at, create(at))).is_err() {
                         break;
                     }
                 }
-            });
+            };
+            match thread::Builder::new().spawn_scoped(scope, work) {
+                Ok(_) => {}
+                // The limit of processes may be reached; one thread is enough.
+                Err(_) if thread > 0 => break,
+                Err(error) => {
+                    let call = "the start of a thread for the driver's compiler";
+                    return Err(BackendError::Api { call, answer: error.to_string() });
+                }
+            }
         }
         drop(sender);
         let mut early = HashMap::new();

@@ -4,11 +4,11 @@ use super::harmonics::{self, Band};
 use super::search::{Best, Budget, Tried, best, combinations, own_share};
 use crate::draw::interleaved::{Effort, Frames};
 use crate::draw::keys::{self, Need};
-use crate::draw::session::Session;
+use crate::draw::session::{Session, SessionError};
 use crate::studies::measurement::plans::{self, Planned, Plans, to_measure};
 use crate::studies::measurement::settings::{self, EXACT};
 use crate::studies::measurement::time::FRAMES_DIVISOR;
-use crate::studies::measurement::view::View;
+use crate::studies::measurement::view::{View, start};
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use crate::studies::trade::measure::{MAX_PENDING, Pending, Row, Sessions};
 use serde::Serialize;
@@ -95,7 +95,7 @@ pub fn study(
     let view = |camera| Ok(View::exact(&subject.scene, camera)?);
     // The CPU draws the exact pictures while plans are built.
     let (planned, views) = thread::scope(|scope| -> Result<_, StudyError> {
-        let views = ahead(scope, cameras.iter().map(view));
+        let views = ahead(scope, cameras.iter().map(view))?;
         let planned = to_measure(singles, &mut exact, cameras, &|_| true, listener)?;
         let mut steps = Steps::new(listener, "drawing exactly", cameras.len());
         let drawn = cameras.iter().map(|camera| steps.next(&camera.img_name)).zip(&views);
@@ -145,13 +145,16 @@ pub fn study(
 }
 
 /// Computes items on a thread, in order. The thread ends after the current item when the receiver is dropped.
+///
+/// # Errors
+/// The thread cannot be started.
 fn ahead<'scope, T: Send + 'scope>(
     scope: &'scope Scope<'scope, '_>,
     items: impl Iterator<Item = T> + Send + 'scope,
-) -> Receiver<T> {
+) -> Result<Receiver<T>, SessionError> {
     let (send, receive) = mpsc::channel();
-    scope.spawn(move || items.into_iter().try_for_each(|item| send.send(item)));
-    receive
+    start(scope, move || items.into_iter().try_for_each(|item| send.send(item)))?;
+    Ok(receive)
 }
 
 /// Returns the exact settings with the narrowest sufficient keys for their depth mapping.
@@ -227,10 +230,11 @@ mod tests {
     fn items_are_computed_in_order_until_nobody_waits_for_them() {
         let counted = AtomicUsize::new(0);
         let count = |_| counted.fetch_add(1, Ordering::Relaxed);
-        let all: Vec<usize> = thread::scope(|scope| ahead(scope, (0..3).map(count)).into_iter().collect());
+        let all: Vec<usize> =
+            thread::scope(|scope| ahead(scope, (0..3).map(count)).unwrap().into_iter().collect());
         assert_eq!(all, [0, 1, 2]);
         // A thread that did not end would keep the scope from ending.
-        let first = thread::scope(|scope| ahead(scope, (0..).map(count)).recv());
+        let first = thread::scope(|scope| ahead(scope, (0..).map(count)).unwrap().recv());
         assert_eq!(first, Ok(3));
     }
 }

@@ -9,12 +9,12 @@ use crate::draw::session::{Session, SessionError};
 use crate::draw::truth::Truth;
 use crate::io::image::Image;
 use serde::{Deserialize, Serialize};
-use splatgraph_api::{Device, OUTPUT_READBACK};
+use splatgraph_api::{BackendError, Device, OUTPUT_READBACK};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::metrics::flip::Seen;
 use splatgraph_reference::{PictureMemoryError, Rules, depth_order};
 use std::panic::resume_unwind;
-use std::thread::{Scope, ScopedJoinHandle};
+use std::thread::{Builder, Scope, ScopedJoinHandle};
 
 /// A camera with the true picture and the true order of the splats.
 pub struct View {
@@ -110,6 +110,21 @@ impl Measuring<'_> {
     }
 }
 
+/// Starts a thread of a scope.
+///
+/// # Errors
+/// The thread cannot be started, for example at a limit of processes.
+pub fn start<'scope, T: Send + 'scope>(
+    scope: &'scope Scope<'scope, '_>,
+    work: impl FnOnce() -> T + Send + 'scope,
+) -> Result<ScopedJoinHandle<'scope, T>, SessionError> {
+    let failed = |error: std::io::Error| BackendError::Api {
+        call: "the start of a thread",
+        answer: error.to_string(),
+    };
+    Ok(Builder::new().spawn_scoped(scope, work).map_err(failed)?)
+}
+
 /// Draws a view with a prepared session, and measures its time, interleaved with a baseline.
 ///
 /// The picture is compared with the truth on another thread; on a device that is a CPU, before the time is measured.
@@ -128,7 +143,7 @@ pub fn measure<'scope>(
     let comparison = match capture(session, view)? {
         // The frames run on the same cores, which a comparison would slow down.
         Ok(capture) if session.device().info().is_cpu() => Comparison::Done(compare(capture, view)),
-        Ok(capture) => Comparison::Running(scope.spawn(|| compare(capture, view))),
+        Ok(capture) => Comparison::Running(start(scope, || compare(capture, view))?),
         Err(text) => Comparison::Done(Err(text)),
     };
     let time = match comparison {

@@ -12,7 +12,7 @@ use crate::io::report::text::hex;
 use crate::studies::measurement::plans::{Planned, Plans, SamePlan, to_measure};
 use crate::studies::measurement::settings;
 use crate::studies::measurement::time::FRAMES_DIVISOR;
-use crate::studies::measurement::view::View;
+use crate::studies::measurement::view::{View, start};
 use crate::studies::provenance::Provenance;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use indexmap::IndexSet;
@@ -183,7 +183,7 @@ impl Study {
             thread::scope(|scope| {
                 let (rows, measured) = mpsc::sync_channel(MAX_PENDING);
                 let (sender, kept) = mpsc::channel();
-                let keeper = scope.spawn(|| keep(measured, sender, book, album));
+                let keeper = start(scope, || keep(measured, sender, book, album))?;
                 // On a CPU, each row waits until the file is written, which would compete with frames for cores.
                 let ends = (rows, is_cpu.then_some(kept));
                 let done = measure_views(
