@@ -5,8 +5,9 @@
 //! system call replaces a file by an unnamed one, so a file that replaces another has a hidden name between two calls.
 //! On file systems without unnamed files, the file has a hidden name from the start; errors and signals remove it.
 //!
-//! The new file gets the permissions of the file that it replaces. A link is followed, not replaced. Anything but a
-//! regular file (a pipe, a terminal, `/dev/null`) is written directly.
+//! The new file gets the permissions of the file that it replaces. A link is followed, not replaced; in a folder like
+//! `/tmp`, another user's link is refused. Anything but a regular file (a pipe, a terminal, `/dev/null`) is written
+//! directly.
 
 // Only this module and `log` create files. The lint forbids it elsewhere.
 #![allow(clippy::disallowed_methods)]
@@ -208,7 +209,10 @@ impl Target {
                 return Ok(Target::Direct(target));
             }
             match fs::symlink_metadata(&target) {
-                Ok(found) if found.is_symlink() => target = folder_of(&target).join(fs::read_link(&target)?),
+                Ok(found) if found.is_symlink() => {
+                    refuse_planted(&target, &found)?;
+                    target = folder_of(&target).join(fs::read_link(&target)?);
+                }
                 Ok(found) if found.is_dir() => return Err(ErrorKind::IsADirectory.into()),
                 Ok(found) if found.is_file() => return Ok(Target::File(target)),
                 Ok(_) => return Ok(Target::Direct(target)),
@@ -218,6 +222,28 @@ impl Target {
         }
         Err(io::Error::other("too many symbolic links"))
     }
+}
+
+/// Returns an error for another user's link in a folder like `/tmp`, as Linux does with `fs.protected_symlinks`: its
+/// owner chose the file that would be replaced. The kernel itself is never asked to follow the link.
+#[cfg(unix)]
+fn refuse_planted(link: &Path, found: &fs::Metadata) -> io::Result<()> {
+    use std::os::unix::fs::MetadataExt;
+    let folder = fs::metadata(folder_of(link))?;
+    let is_shared = folder.mode() & 0o1002 == 0o1002;
+    if is_shared && ![rustix::process::geteuid().as_raw(), folder.uid()].contains(&found.uid()) {
+        let found = found.uid();
+        let text = format!(
+            "expected no other user's link in a folder that all can write, found one of user {found}"
+        );
+        return Err(io::Error::new(ErrorKind::PermissionDenied, text));
+    }
+    Ok(())
+}
+
+#[cfg(not(unix))]
+fn refuse_planted(_: &Path, _: &fs::Metadata) -> io::Result<()> {
+    Ok(())
 }
 
 /// Returns true for the name of a file that a process has open. Replacing or truncating such a file would lose what
@@ -556,6 +582,29 @@ mod tests {
         assert_eq!(names(folder.path()), ["dangling", "found", "link", "real"]);
         symlink("round", folder.path().join("round")).unwrap();
         assert!(write_bytes(&folder.path().join("round"), b"").is_err());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn another_users_link_in_a_shared_folder_is_refused() {
+        use std::os::unix::fs::{PermissionsExt, lchown, symlink};
+        let folder = tempfile::tempdir().unwrap();
+        let [victim, link] = ["victim", "link"].map(|name| folder.path().join(name));
+        fs::write(&victim, "precious").unwrap();
+        symlink("victim", &link).unwrap();
+        let written = |mode| {
+            fs::set_permissions(folder.path(), fs::Permissions::from_mode(mode)).unwrap();
+            write_bytes(&link, b"new").map_err(|error| error.to_string())
+        };
+        assert_eq!(written(0o1777), Ok(()));
+        fs::write(&victim, "precious").unwrap();
+        // Only root can give a link away.
+        if lchown(&link, Some(65_534), None).is_ok() {
+            let error = written(0o1777).unwrap_err();
+            assert!(error.ends_with("found one of user 65534"), "{error}");
+            assert_eq!(fs::read_to_string(&victim).unwrap(), "precious");
+            assert_eq!(written(0o755), Ok(()));
+        }
     }
 
     #[cfg(unix)]
