@@ -7,7 +7,9 @@ use std::thread;
 use std::time::Duration;
 
 use super::generate::{self, Failure, Key};
-use super::worker::{Limits, MAGIC, OUT_OF_MEMORY, OUT_OF_TIME, Reply, SERVES, VARIABLE, receive, send};
+use super::worker::{
+    Limits, MAGIC, NO_THREAD, OUT_OF_MEMORY, OUT_OF_TIME, Reply, SERVES, VARIABLE, receive, send,
+};
 
 /// Stack sizes to try for the compiler's thread, largest first. glslang recurses once per operand of a sum; the first
 /// size suffices for the longest text. Only used pages take memory.
@@ -32,10 +34,9 @@ pub fn serve_if_asked() {
     let output = system::private_output();
     let (turns, watched) = channel();
     // Only the watching thread enforces the limits, so do not compile without it.
-    if thread::Builder::new().spawn(move || watch(limits, &watched)).is_ok() {
-        on_large_stack(move || serve(limits.memory_bytes, &turns, output));
-    }
-    std::process::exit(0);
+    let watch = thread::Builder::new().spawn(move || watch(limits, &watched));
+    let served = watch.ok().and_then(|_| on_large_stack(move || serve(limits.memory_bytes, &turns, output)));
+    std::process::exit(if served.is_some() { 0 } else { NO_THREAD });
 }
 
 /// Runs `work` on a thread with the largest available stack. `None` if no thread starts, or if it panicked.

@@ -36,6 +36,8 @@ pub(super) const MAGIC: &[u8] = b"\nsplatgraph shader compiler 1\n";
 pub(super) const OUT_OF_MEMORY: i32 = 81;
 /// Exit code of a worker that took too much time.
 pub(super) const OUT_OF_TIME: i32 = 82;
+/// Exit code of a worker that could not start its threads.
+pub(super) const NO_THREAD: i32 = 83;
 
 /// Time after which a worker that does not answer is killed; its own limit should have stopped it.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -249,14 +251,17 @@ impl Process {
                 message = receive(&mut output);
             }
         });
-        let process = Process { child, requests, replies };
+        let mut process = Process { child, requests, replies };
         reader?;
-        match process.replies.recv_timeout(START) {
-            Ok(Ok(_)) => Ok(process),
-            _ => {
-                Err(io::Error::other(format!("expected a program that calls {SERVE} first, found no answer")))
+        let has_no_thread =
+            |lost| matches!(lost, Lost::Ended(Some(status)) if status.code() == Some(NO_THREAD));
+        Err(io::Error::other(match process.replies.recv_timeout(START) {
+            Ok(Ok(_)) => return Ok(process),
+            Ok(Err(_)) if has_no_thread(process.ended()) => {
+                "it could not start a thread; a limit of processes can cause this, such as `ulimit -u` or pids.max".into()
             }
-        }
+            _ => format!("expected a program that calls {SERVE} first, found no answer"),
+        }))
     }
 
     /// Runs one compilation. The outer error means that the worker is lost.

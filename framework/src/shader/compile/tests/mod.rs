@@ -426,6 +426,16 @@ fn a_program_that_does_not_serve_is_an_error() {
 }
 
 #[test]
+fn a_worker_without_threads_is_an_error_that_names_the_limit() {
+    let script = format!("exit {}", super::worker::NO_THREAD);
+    let mut bench = Bench::new(&[]);
+    let worker = Worker { arguments: ["-c", &script].map(Into::into).into(), ..Worker::new("/bin/sh") };
+    bench.compiler = Glslang::in_worker(worker);
+    let error = next(&mut bench, SOUND).unwrap_err();
+    assert!(error.contains("(it could not start a thread; a limit of processes"), "{error}");
+}
+
+#[test]
 fn a_worker_that_does_not_serve_starts_no_worker_of_its_own() {
     if std::env::var_os(super::worker::VARIABLE).is_some() {
         let error = next(&mut Bench::new(&[]).in_worker(Limits::default()), SOUND).unwrap_err();
