@@ -13,6 +13,7 @@ use crate::io::report::text;
 use splatgraph_assets::file;
 use splatgraph_framework::shader::SpirvStore;
 use std::collections::hash_map::DefaultHasher;
+use std::ffi::OsStr;
 use std::fs;
 use std::hash::{Hash, Hasher};
 use std::io::{self, Read, Write};
@@ -21,7 +22,7 @@ use std::time::SystemTime;
 #[cfg(unix)]
 use std::{fs::Permissions, os::unix::fs::PermissionsExt};
 
-/// Environment variable that disables the cache if set to `off`.
+/// Environment variable that disables the cache if set to `off`, `0`, `no` or `false`, in upper or lower case.
 pub const VARIABLE: &str = "SPLATGRAPH_SHADER_CACHE";
 /// Size of the cache, in bytes, above which the oldest files are deleted before another is written.
 const MAX_BYTES: u64 = 64 << 20;
@@ -43,9 +44,9 @@ pub struct ShaderCache {
 impl ShaderCache {
     /// Opens the user's cache for the compiler in `program`.
     ///
-    /// `None` if there is no cache folder, [`VARIABLE`] is `off`, or the program cannot be read.
+    /// `None` if there is no cache folder, [`VARIABLE`] disables it, or the program cannot be read.
     pub fn of_user(program: &Path) -> Option<ShaderCache> {
-        if std::env::var_os(VARIABLE).is_some_and(|value| value == "off") {
+        if std::env::var_os(VARIABLE).is_some_and(|value| is_off(&value)) {
             return None;
         }
         Some(ShaderCache {
@@ -112,6 +113,10 @@ impl ShaderCache {
     }
 }
 
+fn is_off(value: &OsStr) -> bool {
+    ["off", "0", "no", "false"].iter().any(|off| value.eq_ignore_ascii_case(off))
+}
+
 /// Returns the identity of a program's build: its build id or, without one, its size and modification time.
 fn build(program: &Path) -> io::Result<Vec<u8>> {
     let program = file::open(program)?;
@@ -162,6 +167,12 @@ mod tests {
 
     fn cache(folder: &Path) -> ShaderCache {
         ShaderCache { folder: folder.join("shaders"), build: b"one".to_vec() }
+    }
+
+    #[test]
+    fn usual_words_disable_the_cache() {
+        assert!(["off", "OFF", "0", "no", "False"].iter().all(|value| is_off(OsStr::new(value))));
+        assert!(!["", "on", "1"].iter().any(|value| is_off(OsStr::new(value))));
     }
 
     #[test]
