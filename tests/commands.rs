@@ -213,6 +213,10 @@ fn every_command_has_completions_and_a_manual_page() {
             assert!(script.contains(word), "{shell}: no {word}");
         }
     }
+    let script = place.done("completions bash");
+    for values in [r#"-W "png exr npy""#, "null reference", " askew "] {
+        assert!(script.contains(values), "no {values}");
+    }
     // The second run replaces the pages.
     for _ in 0..2 {
         place.done("man pages");
@@ -220,7 +224,15 @@ fn every_command_has_completions_and_a_manual_page() {
             let page = place.text(&format!("pages/splatgraph-{command}.1"));
             assert!(page.contains(&format!("splatgraph {command}")) && page.contains("Examples:"), "{page}");
         }
-        assert!(place.text("pages/splatgraph.1").contains("splatgraph\\-render(1)"));
+        let page = place.text("pages/splatgraph.1");
+        assert!(page.contains("splatgraph\\-render(1)"), "{page}");
+        let rows = include_str!("../README.md").split_once("| environment variable | effect |\n|---|---|\n");
+        let rows = rows.expect("a table").1.lines().map_while(|line| line.strip_prefix("| `"));
+        let variables: Vec<&str> = rows.filter_map(|row| row.split(['=', '`']).next()).collect();
+        assert!(
+            variables.len() > 5 && variables.iter().all(|name| page.contains(name)),
+            "{variables:?}: {page}"
+        );
     }
     place.fails("man pages/splatgraph.1", 2);
 }

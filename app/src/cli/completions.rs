@@ -7,7 +7,7 @@ use clap_complete::Shell;
 
 /// Print completions of the command line for a shell
 ///
-/// They complete commands, options, values of options that take one of a list, and file names.
+/// They complete commands, options, values of options with a fixed list of values, such as `--format`, and file names.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph completions bash > ~/.local/share/bash-completion/completions/splatgraph

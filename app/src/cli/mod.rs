@@ -96,14 +96,23 @@ const EXIT_CODES: &str = "Exit codes:
   1        a failure, a check that did not pass, or a result that lacks views
   2        an invalid command line; nothing was written
   128 + N  ended by signal N
+
 A failure can leave an earlier file of --json=FILE as it was: delete it before the command.";
+
+const ENVIRONMENT: &str = "Environment variables:
+  XDG_CACHE_HOME              folder of compiled shaders and of the demo scene [default: ~/.cache]
+  XDG_STATE_HOME              folder of the window's state [default: ~/.local/state]
+  SPLATGRAPH_SHADER_CACHE=off compiles all shaders in each run
+  RAYON_NUM_THREADS           number of worker threads on the CPU [default: its number of cores]
+  NO_COLOR                    no colours in messages, if it is not empty
+  VK_DRIVER_FILES             the only Vulkan drivers that are used, as paths of their manifests";
 
 fn examples() -> String {
     let view = match cfg!(feature = "window") {
         true => "  splatgraph view                                   # a window on the demo scene\n",
         false => "",
     };
-    format!("Examples:\n{view}{EXAMPLES}\n\n{EXIT_CODES}")
+    format!("Examples:\n{view}{EXAMPLES}\n\n{EXIT_CODES}\n\n{ENVIRONMENT}")
 }
 
 /// Draw 3D Gaussian Splatting scenes with renderers that are text files, and measure the cost of every choice

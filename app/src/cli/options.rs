@@ -10,13 +10,15 @@ use crate::draw::interleaved::Frames;
 use crate::draw::stats::Opened;
 use crate::draw::storage;
 use crate::io::demo;
+use crate::io::image::Format;
 use crate::io::output::{self, OutputGuard, is_standard_output, shell_word};
 use crate::io::report::plot::Plot;
 use crate::studies::bench;
 use anyhow::{Context, Result};
+use clap::builder::{PossibleValue, TypedValueParser};
 use splatgraph_api::BackendError;
 use splatgraph_assets::{Camera, CameraError, Scene, SceneFormat, SceneHeader};
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::io::IsTerminal;
 use std::path::Path;
 use std::str::FromStr;
@@ -134,6 +136,32 @@ pub fn target(wanted: Option<&str>) -> Result<Target> {
     Ok(Target::of(splatgraph_api::Device::info(&device)))
 }
 
+/// Parses a value with a function, and offers names to a shell's completions.
+#[derive(Clone)]
+pub struct Listed<T>(pub fn() -> Vec<&'static str>, pub fn(&str) -> Result<T, String>);
+
+impl<T: Clone + Send + Sync + 'static> TypedValueParser for Listed<T> {
+    type Value = T;
+
+    fn parse_ref(
+        &self,
+        command: &clap::Command,
+        option: Option<&clap::Arg>,
+        value: &OsStr,
+    ) -> Result<T, clap::Error> {
+        self.1.parse_ref(command, option, value)
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        Some(Box::new((self.0)().into_iter().map(PossibleValue::new)))
+    }
+}
+
+/// Parses `--format` of commands that write pictures into a folder.
+pub fn picture_format() -> Listed<Format> {
+    Listed(|| vec!["png", "exr", "npy"], str::parse)
+}
+
 /// Options of the device.
 #[derive(Debug, clap::Args)]
 pub struct DeviceArgs {
@@ -171,7 +199,8 @@ impl DeviceArgs {
 pub struct BackendArgs {
     /// Graphics API: `vulkan`, `metal` (on Apple's systems), or `null`, which executes nothing (pictures are black, and
     /// times are meaningless)
-    #[arg(long, value_name = "NAME", default_value_t = Api::default(), value_parser = Api::parse)]
+    #[arg(long, value_name = "NAME", default_value_t = Api::default(), hide_possible_values = true)]
+    #[arg(value_parser = Listed(|| Api::ALL.map(Api::name).to_vec(), Api::parse))]
     pub backend: Api,
     #[command(flatten)]
     pub device: DeviceArgs,
@@ -202,7 +231,7 @@ impl std::ops::Deref for BackendArgs {
 /// Restricts `--backend` to the APIs that draw, for commands that compare pictures.
 pub fn that_draws(backend: clap::Arg) -> clap::Arg {
     let help = "Graphics API: `vulkan`, or `metal` on Apple's systems";
-    backend.help(help).value_parser(Api::parse_drawing)
+    backend.help(help).value_parser(Listed(Api::drawing, Api::parse_drawing))
 }
 
 /// Describes `--pipeline` of the commands that measure the settings of one graph.

@@ -1,9 +1,10 @@
 //! Runs `splatgraph synth`: generates scenes.
 
 use super::loading;
+use super::look_at;
+use super::options::{self, Listed};
 use super::outcome::{self, Outcome, Usage, refuse_without};
 use super::stdout::Stdout;
-use super::{look_at, options};
 use crate::draw::orbit::Orbit;
 use crate::draw::truth::Truth;
 use crate::io::load::LoadOptions;
@@ -31,7 +32,8 @@ const EXAMPLES: &str = "Examples:
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     /// Name of the scene
-    #[arg(conflicts_with_all = ["enlarge", "photograph"])]
+    #[arg(conflicts_with_all = ["enlarge", "photograph"], value_parser = Listed(names, |name| Ok(name.to_owned())))]
+    #[arg(hide_possible_values = true)]
     name: Option<String>,
     /// The file to write: .ply in the layout of the reference implementation, .glb for a mesh; `-` is standard output
     #[arg(short, long, value_name = "OUT.ply")]
@@ -62,6 +64,10 @@ pub struct Args {
     size: Option<(u32, u32)>,
     #[command(flatten)]
     load: LoadOptions,
+}
+
+fn names() -> Vec<&'static str> {
+    synth::generators().iter().map(|generator| generator.name).chain([synth::MESH.0]).collect()
 }
 
 pub fn generator_list() -> String {

@@ -77,16 +77,17 @@ impl Api {
         refusal(name, &[&Api::ALL.map(Api::name), others].concat())
     }
 
+    /// Lists the names of the APIs that draw pictures.
+    pub fn drawing() -> Vec<&'static str> {
+        Api::ALL.into_iter().filter(|api| *api != Api::Null).map(Api::name).collect()
+    }
+
     /// Finds, by its name, an API that draws pictures.
     ///
     /// # Errors
     /// The name is unknown, or that of [`Api::Null`]. The error lists the APIs that draw.
     pub fn parse_drawing(name: &str) -> Result<Api, String> {
-        let draws = |api: &Api| *api != Api::Null;
-        Api::find(name).filter(draws).ok_or_else(|| {
-            let names: Vec<&str> = Api::ALL.into_iter().filter(draws).map(Api::name).collect();
-            refusal(name, &names)
-        })
+        Api::find(name).filter(|api| *api != Api::Null).ok_or_else(|| refusal(name, &Api::drawing()))
     }
 
     /// Lists the devices that the API finds on this machine.

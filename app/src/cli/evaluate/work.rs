@@ -3,9 +3,9 @@
 
 use crate::cli::cameras;
 use crate::cli::job::ShardArgs;
-use crate::cli::options::{self, DeviceArgs};
+use crate::cli::options::{self, DeviceArgs, Listed};
 use crate::cli::outcome::Usage;
-use crate::cli::render::{Renderer, refuse_graph_options, renderer};
+use crate::cli::render::{Renderer, refuse_graph_options, renderer, renderers};
 use crate::draw::backend::Api;
 use crate::draw::projection::{self, ProjectionError};
 use crate::io::image::Image;
@@ -66,7 +66,8 @@ pub struct Args {
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     pub set: Vec<(String, String)>,
     /// Renderer: `vulkan`, `metal` (on Apple's systems), or `reference`, the exact renderer on the CPU
-    #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()), value_parser = renderer)]
+    #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()))]
+    #[arg(value_parser = Listed(renderers, renderer), hide_possible_values = true)]
     pub backend: Renderer,
     /// Frames to draw of each view, from empty histories; the last is scored [default: 2 if the graph reads the
     /// previous frame, otherwise 1]

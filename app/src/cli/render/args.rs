@@ -6,7 +6,7 @@ use crate::cli::help;
 use crate::cli::job::ShardArgs;
 use crate::cli::loading;
 use crate::cli::look_at::LookAtArgs;
-use crate::cli::options::{self, DeviceArgs, Drawing, MemoryArgs};
+use crate::cli::options::{self, DeviceArgs, Drawing, Listed, MemoryArgs};
 use crate::cli::outcome::{self, Usage};
 use crate::cli::scenes::ScenesArgs;
 use crate::cli::stdout::Stdout;
@@ -56,7 +56,7 @@ pub struct Args {
     )]
     pub(super) output: Vec<Output>,
     /// Format of the files in a folder [default: png for pictures, npy for other outputs]
-    #[arg(long, value_name = "png|exr|npy")]
+    #[arg(long, value_name = "png|exr|npy", value_parser = options::picture_format(), hide_possible_values = true)]
     pub(super) format: Option<Format>,
     /// Background colour, display-encoded: 0 is black, 1 is white
     #[arg(long, value_name = "R,G,B|#RRGGBB", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
@@ -71,7 +71,8 @@ pub struct Args {
     /// its pictures are black, and its GPU times are meaningless. The exact renderer follows the rules of the published
     /// CUDA rasteriser in f64. It shares no arithmetic with the shaders and executes no graph; `--pipeline
     /// orthographic`, `fisheye` and `equirectangular` name its projection. Errors are measured against its pictures.
-    #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()), value_parser = renderer)]
+    #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()))]
+    #[arg(value_parser = Listed(renderers, renderer), hide_possible_values = true)]
     pub(super) backend: Renderer,
     /// Change a rule of the exact renderer; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, long_help = rule_help())]
@@ -138,6 +139,10 @@ impl fmt::Display for Renderer {
             Renderer::Reference => f.write_str(REFERENCE),
         }
     }
+}
+
+pub fn renderers() -> Vec<&'static str> {
+    Api::ALL.map(Api::name).into_iter().chain([REFERENCE]).collect()
 }
 
 pub fn renderer(text: &str) -> Result<Renderer, String> {

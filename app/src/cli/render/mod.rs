@@ -18,7 +18,7 @@ mod views;
 use destination::Destination;
 use drawer::Drawer;
 
-pub(super) use args::{Args, Renderer, prepare, refuse_graph_options, renderer};
+pub(super) use args::{Args, Renderer, prepare, refuse_graph_options, renderer, renderers};
 pub(super) use frames::prepare_plan;
 pub(super) use views::{COMMAND, Views};
 

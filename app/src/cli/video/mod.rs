@@ -64,7 +64,7 @@ pub struct Args {
     #[arg(short, long, value_name = "OUT", value_parser = OsStringValueParser::new().try_map(film_path))]
     output: PathBuf,
     /// Format of the pictures in a folder [default: png]
-    #[arg(long, value_name = "png|exr|npy")]
+    #[arg(long, value_name = "png|exr|npy", value_parser = options::picture_format(), hide_possible_values = true)]
     format: Option<image::Format>,
     #[command(flatten)]
     scenes: ScenesArgs,
