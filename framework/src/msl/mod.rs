@@ -125,7 +125,7 @@ fn translate(shader: &Shader, lanes: u32) -> Result<Msl, String> {
     let places = places(reflection);
     check(&places, false, reflection)?;
     check_images(reflection)?;
-    refusals::check(&shader.spirv, reflection.stage, &places)?;
+    refusals::check(&shader.spirv, reflection.stage, &places.arguments)?;
     let stage = match reflection.stage {
         ShaderStage::Vertex => ExecutionModel::Vertex,
         ShaderStage::Fragment => ExecutionModel::Fragment,

@@ -6,8 +6,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::Places;
-use crate::ir::{Msl, ShaderStage};
+use crate::ir::{Msl, MslArgument, ShaderStage};
 
 /// Operation codes, decorations and enumerants of the SPIR-V specification.
 mod op {
@@ -31,7 +30,7 @@ mod op {
 }
 
 /// Returns the reason why Metal cannot run a shader, if there is one.
-pub(super) fn check(spirv: &[u32], stage: ShaderStage, places: &Places) -> Result<(), String> {
+pub(super) fn check(spirv: &[u32], stage: ShaderStage, arguments: &[MslArgument]) -> Result<(), String> {
     let (mut constants, mut bindings, mut one_way) = (HashMap::new(), HashMap::new(), HashSet::new());
     let is_ordered = |constants: &HashMap<u32, u32>, id: u32| {
         constants.get(&id).is_some_and(|semantics| semantics & op::ORDERED != 0)
@@ -80,8 +79,7 @@ pub(super) fn check(spirv: &[u32], stage: ShaderStage, places: &Places) -> Resul
         }
     }
     let is_read_write = |binding: u32| bindings.get(&binding).is_some_and(|id| !one_way.contains(id));
-    let images =
-        places.arguments.iter().filter(|argument| argument.texture && is_read_write(argument.binding));
+    let images = arguments.iter().filter(|argument| argument.texture && is_read_write(argument.binding));
     let (found, most) = (images.count(), Msl::MAX_READ_WRITE_TEXTURES);
     if found > most as usize {
         return Err(format!(
