@@ -365,7 +365,7 @@ fn sound(read: Result<Dataset, CameraError>) -> Result<(), String> {
 
 #[test]
 fn damaged_transforms_are_read_or_refused() {
-    let frame = r#"{"file_path": "./a b.png", "transform_matrix": [[1,0,0,2],[0,1,0,0.5],[0,0,1,3],[0,0,0,1]], "fl_y": 7}"#;
+    let frame = r#"{"file_path": "./a b.png", "transform_matrix": [[1,0,0,2],[0,1,0,0.5],[0,0,1,3],[0,0,0,1]], "fl_x": 6, "fl_y": 7}"#;
     let text = format!(
         r#"{{"camera_model": "OPENCV", "fl_x": 5.0, "w": 4, "h": 2.0, "cx": 2, "k1": 0, "frames": [{frame}, {frame}], "aabb_scale": 16, "camera_angle_x": 0.9, "test_filenames": ["a"]}}"#
     );
