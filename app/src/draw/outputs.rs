@@ -261,8 +261,8 @@ impl Output {
     ///
     /// In a PNG, a normal is normalised and becomes the colour (n + 1) / 2, or black if it is zero. [`RGBA`] is written
     /// with straight alpha in a PNG, and premultiplied in the other formats; the PNG of another output shows the first
-    /// three channels. Returns the number of pixels that the
-    /// format cannot hold; `None` for formats that hold all values.
+    /// three channels. Returns the number of pixels that the format cannot hold; `None` for formats that hold all
+    /// values.
     ///
     /// # Errors
     /// The extension is not one of `.npy`, `.exr` and `.png`, [`check_format`] refuses the format, or the file cannot
