@@ -84,6 +84,7 @@ impl job::Work for Views {
             ("--backend".into(), json!(backend.to_string())),
             ("--downscale".into(), json!(downscale)),
             ("--repeat".into(), json!(repeat)),
+            ("--masks".into(), json!(self.args.masks.is_some())),
             ("--background".into(), json!(background)),
             (job::REQUEST.into(), request),
         ]);

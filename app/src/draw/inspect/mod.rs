@@ -3,9 +3,9 @@
 //! A target is written `RESOURCE@PASS`, with names as in the plan's dump. Short forms are allowed. `keys` is the half
 //! of the ping-pong pair `keys#0`, `keys#1` that the pass writes, or else reads. A resource's name may also lack its
 //! first parts, `scene.picture` is the output of the include `scene`, and `keys` may be any resource that holds depth
-//! keys. `sort.scatter`, or just `scatter`, is the last of
-//! `sort.scatter[0]`, `sort.scatter[1]`, ..., and of `sort[0].scatter`, `sort[1].scatter`, ... If the resource holds
-//! depth keys, the finding reports whether the keys in use ascend.
+//! keys. `sort.scatter`, or just `scatter`, is the last of `sort.scatter[0]`, `sort.scatter[1]`, ..., and of
+//! `sort[0].scatter`, `sort[1].scatter`, ... If the resource holds depth keys, the finding reports whether the keys in
+//! use ascend.
 
 mod contents;
 mod declared;
