@@ -243,6 +243,8 @@ fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
     assert!(told.contains("differ in --downscale: name another folder"), "{told}");
     // Photographs of another size are scored again, and not joined with the others.
     run(&place, "synth --photograph scene.ply --dataset small --views 9 --size 16x12", &[], 0);
+    let told = run(&place, &line.replace("--all", "--all --masks small/images"), &[], 1);
+    assert!(told.contains("differ in --masks: name another folder"), "{told}");
     let small = "evaluate scene.ply -c views --photographs small/images --all -o scores --shard";
     run(&place, &format!("{small} 0/3"), &[], 0);
     let told = run(&place, "merge scores", &[], 1);
