@@ -534,9 +534,8 @@ mod tests {
         prims: u32,
         memory: u64,
     ) -> Result<Layer, SceneError> {
-        let source = Source::Bytes(file);
         let mut sections = Sections {
-            layer: &Bytes::new(&source, 0, file.len() as u64),
+            layer: &Bytes::new(Source::Bytes(file)),
             tokens: tokens.iter().map(|token| (*token).to_owned()).collect(),
             fields: fields.to_vec(),
             field_sets: (0..fields.len() as u32).chain([END]).collect(),

@@ -24,14 +24,13 @@ pub(super) const ARCS: [&str; 8] = [
 /// The bytes of a layer: a file, or a part of an archive. Offsets count from the layer's first byte.
 #[derive(Clone, Copy)]
 pub(super) struct Bytes<'a> {
-    source: &'a Source<'a>,
-    start: u64,
+    source: Source<'a>,
     pub length: u64,
 }
 
 impl<'a> Bytes<'a> {
-    pub(super) fn new(source: &'a Source<'a>, start: u64, length: u64) -> Self {
-        Self { source, start, length }
+    pub(super) fn new(source: Source<'a>) -> Self {
+        Self { source, length: source.length() }
     }
 
     /// Fails if the layer ends before `count` bytes from offset `at` on.
@@ -45,12 +44,12 @@ impl<'a> Bytes<'a> {
 
     pub(super) fn read(&self, at: u64, buffer: &mut [u8]) -> Result<(), SceneError> {
         self.check(at, buffer.len() as u64)?;
-        Ok(self.source.read(self.start + at, buffer)?)
+        Ok(self.source.read(at, buffer)?)
     }
 
     pub(super) fn vec(&self, at: u64, count: u64) -> Result<Vec<u8>, SceneError> {
         self.check(at, count)?;
-        Ok(self.source.bytes(self.start + at, count as usize)?)
+        Ok(self.source.bytes(at, count as usize)?)
     }
 }
 
@@ -163,7 +162,7 @@ impl Array {
         let width = elements * self.stride();
         match &self.numbers {
             Numbers::Memory(bytes) => Table::new(Source::Bytes(bytes), 0, width),
-            Numbers::File(at) => Table::new(*layer.source, layer.start + at, width),
+            Numbers::File(at) => Table::new(layer.source, *at, width),
         }
     }
 }

@@ -39,7 +39,7 @@ pub(super) fn check(source: &Source) -> Result<(), SceneError> {
 /// Finds the bytes of the layer; in an archive, also returns the layer's name.
 pub(super) fn layer<'a>(source: &'a Source<'a>) -> Result<(Bytes<'a>, Option<String>), SceneError> {
     if source.head(MAGIC.len())? != MAGIC {
-        return Ok((Bytes::new(source, 0, source.length()), None));
+        return Ok((Bytes::new(*source), None));
     }
     let mut zip = input::archive(source)?;
     let file = zip
@@ -53,7 +53,7 @@ pub(super) fn layer<'a>(source: &'a Source<'a>) -> Result<(Bytes<'a>, Option<Str
     let end = start.and_then(|start| start.checked_add(length));
     match (start, end) {
         (Some(start), Some(end)) if end <= source.length() => {
-            Ok((Bytes::new(source, start, length), Some(name)))
+            Ok((Bytes::new(source.part(start, length)), Some(name)))
         }
         _ => Err(wrong(name, "expected a file in the archive, found its end")),
     }
