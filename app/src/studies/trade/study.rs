@@ -416,6 +416,20 @@ mod tests {
         fn say(&mut self, _: &str) {}
     }
 
+    /// A request for the settings of `splat` whose names begin with `only`.
+    fn wanted(only: &str) -> Wanted {
+        Wanted {
+            pipeline: "splat".into(),
+            set: Vec::new(),
+            graphs: Vec::new(),
+            only: vec![only.into()],
+            frames: Frames { rounds: 1, frames: Some(1) },
+            truths: None,
+            opened: String::new(),
+            file: None,
+        }
+    }
+
     #[test]
     fn a_cancelled_ledger_keeps_every_measured_row() {
         let device = Backend::Null(open(&Config::default()).0.expect("no fault is set"));
@@ -425,16 +439,7 @@ mod tests {
         let subject = Subject { device, name: "demo".into(), scene: Arc::new(scene), cameras };
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("ledger.json");
-        let wanted = Wanted {
-            pipeline: "splat".into(),
-            set: Vec::new(),
-            graphs: Vec::new(),
-            only: vec!["key_bits".into()],
-            frames: Frames { rounds: 1, frames: Some(1) },
-            truths: None,
-            opened: String::new(),
-            file: Some(file.clone()),
-        };
+        let wanted = Wanted { file: Some(file.clone()), ..wanted("key_bits") };
         // Both views of the exact settings, and one of the next setting.
         let cancelled = study(&subject, &wanted, &mut CancelBefore(3));
         assert!(matches!(cancelled, Err(StudyError::Cancelled)), "{:?}", cancelled.err());
@@ -450,18 +455,8 @@ mod tests {
         let mut controls = splat.params.clone();
         controls.iter_mut().for_each(|control| control.param.exact = None);
         let is_measured = |only: &str, earlier: Option<&str>| {
-            let wanted = Wanted {
-                pipeline: "splat".into(),
-                set: Vec::new(),
-                graphs: Vec::new(),
-                only: vec![only.into()],
-                frames: Frames { rounds: 1, frames: Some(1) },
-                truths: None,
-                opened: String::new(),
-                file: None,
-            };
             let earlier: BTreeSet<String> = earlier.map(str::to_owned).into_iter().collect();
-            let all = chosen(&wanted, &earlier, &controls).expect("a known setting");
+            let all = chosen(&wanted(only), &earlier, &controls).expect("a known setting");
             all.iter().any(|setting| setting.name.starts_with("key_bits = "))
         };
         assert!(is_measured("key_bits", None));
@@ -473,16 +468,8 @@ mod tests {
     fn the_graph_of_an_earlier_row_is_measured_without_being_given_again() {
         let presets = builtin::presets();
         let splat = presets.iter().find(|preset| preset.name == "splat").expect("it is built in");
-        let wanted = Wanted {
-            pipeline: "splat".into(),
-            set: vec![("cutoff".into(), "2".into())],
-            graphs: vec!["a.ron".into()],
-            only: vec!["graph".into()],
-            frames: Frames { rounds: 1, frames: Some(1) },
-            truths: None,
-            opened: String::new(),
-            file: None,
-        };
+        let set = vec![("cutoff".into(), "2".into())];
+        let wanted = Wanted { set, graphs: vec!["a.ron".into()], ..wanted("graph") };
         let earlier = ["graph a.ron", "graph my/b.ron", "defaults"].map(str::to_owned).into();
         let all = chosen(&wanted, &earlier, &splat.params).expect("known settings");
         let graphs: Vec<_> = all.into_iter().filter(|setting| setting.name.starts_with("graph ")).collect();
