@@ -182,19 +182,16 @@ pub fn tell_tilt<'a>(pinholes: impl IntoIterator<Item = &'a Camera>, up: [f64; 3
 ///
 /// Its extension may differ or be appended. Leading folders of the name may be part of `folder`: `images/a.png` may be
 /// `a.png` there.
-pub fn beside_photograph(folder: &Path, view: &View) -> Option<PathBuf> {
-    let name = view.photograph.as_str();
-    std::iter::once(0).chain(name.match_indices('/').map(|(at, _)| at + 1)).find_map(|at| {
-        let view = View { photograph: name[at..].to_owned(), ..view.clone() };
-        Dataset::photograph_in(folder, &view).ok()
-    })
+pub fn beside_photograph(folder: &Path, photograph: &str) -> Option<PathBuf> {
+    let ends = std::iter::once(0).chain(photograph.match_indices('/').map(|(at, _)| at + 1));
+    ends.map(|at| &photograph[at..]).find_map(|name| Dataset::photograph_in(folder, name).ok())
 }
 
 /// Warns the user if the dataset has masks.
 pub fn tell_masks(dataset: &Dataset) {
     if dataset.has_masks {
         say(
-            "masks (`mask_path`) are not read: all pixels are scored; --masks DIR scores those of the masks in a folder",
+            "masks (`mask_path`) are not read: all pixels are scored; --masks DIR scores only the pixels that its masks keep",
         );
     }
 }
@@ -230,7 +227,7 @@ pub fn claim_photographs(guard: &mut OutputGuard, folder: &Path, views: &[View])
     for view in views {
         // A photograph outside of the dataset is refused as an input, but no output may overwrite it either.
         let named = || Some(folder.join(&view.photograph)).filter(|path| path.is_file());
-        if let Some(file) = Dataset::photograph_in(folder, view).ok().or_else(named) {
+        if let Some(file) = Dataset::photograph_in(folder, &view.photograph).ok().or_else(named) {
             guard.input("a photograph of the dataset", &file)?;
         }
     }

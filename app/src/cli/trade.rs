@@ -23,8 +23,8 @@ use crate::studies::trade::{Study, Wanted, study};
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
 use serde_json::json;
+use splatgraph_assets::Camera;
 use splatgraph_assets::photograph::EXTENSIONS;
-use splatgraph_assets::{Camera, View};
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
@@ -358,6 +358,5 @@ fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<
 fn true_picture(folder: &Path, camera: &Camera, stem: &str) -> Option<PathBuf> {
     let formats = ["npy", "exr"].into_iter().chain(EXTENSIONS);
     let drawn = formats.map(|format| folder.join(format!("{stem}.{format}"))).find(|path| path.exists());
-    let view = View { photograph: camera.img_name.clone(), camera: camera.clone(), test: None };
-    drawn.or_else(|| cameras::beside_photograph(folder, &view))
+    drawn.or_else(|| cameras::beside_photograph(folder, &camera.img_name))
 }

@@ -283,12 +283,12 @@ impl Dataset {
         Some(Self { views, ..self.clone() })
     }
 
-    /// Finds the file of a view's photograph in `folder`. The name's extension may be missing or differ.
+    /// Finds the file of a photograph in `folder`. The extension of `name` may be missing or differ.
     ///
     /// # Errors
     /// There is no such file, or its name leads neither into `folder` nor into its parent.
-    pub fn photograph_in(folder: &Path, view: &View) -> std::io::Result<PathBuf> {
-        photograph::find(folder, &view.photograph)
+    pub fn photograph_in(folder: &Path, name: &str) -> std::io::Result<PathBuf> {
+        photograph::find(folder, name)
     }
 
     /// Formats the files of a COLMAP model, with their names: `cameras.txt`, `images.txt` and a `points3D.txt` without

@@ -137,12 +137,13 @@ impl View {
         mask.transpose()
     }
 
-    /// Reads the mask: true for the pixels of the picture that count. `None` without `--masks`.
-    fn counts(&self, (width, height): (usize, usize)) -> Result<Option<Vec<bool>>> {
+    /// Reads the mask of a photograph of the size `photograph`: true for the pixels that count, at the picture's size
+    /// `drawn`. `None` without `--masks`.
+    fn counts(&self, photograph: (usize, usize), drawn: (usize, usize)) -> Result<Option<Vec<bool>>> {
         let Some(path) = self.mask()? else { return Ok(None) };
-        let own = Image::photograph_size(path)?;
-        let photograph = Image::photograph_size(self.photograph()?)?;
-        // Masks may be smaller than photographs, or larger: those of reduced photographs often have the full size.
+        let mask = Image::load_photograph(path, [0.0; 3])?;
+        let own = (mask.width, mask.height);
+        // A mask may have another size than the photograph: beside reduced photographs, it often has the full size.
         if (own.0 as f64 * photograph.1 as f64 / photograph.0 as f64 - own.1 as f64).abs() > 1.0 {
             let text = |(width, height): (usize, usize)| format!("{width} x {height}");
             bail!(
@@ -152,8 +153,7 @@ impl View {
                 text(own)
             );
         }
-        let mask = Image::load_photograph(path, [0.0; 3])?;
-        let mask = if own == (width, height) { mask } else { mask.averaged(width, height) };
+        let mask = if own == drawn { mask } else { mask.averaged(drawn.0, drawn.1) };
         let counts: Vec<bool> = mask.rgb.iter().map(|[grey, ..]| *grey > 0.5).collect();
         if !counts.contains(&true) {
             bail!("{}: expected a mask with pixels that count, found only black", path.display());
@@ -168,11 +168,11 @@ impl View {
     /// See [`View::drawn`]; also, the photograph or the mask may be damaged, or the mask have another shape.
     pub fn load(&self, downscale: u32, background: [f32; 3]) -> Result<(Camera, Image, Option<Vec<bool>>)> {
         let camera = self.drawn(downscale)?;
-        let (width, height) = (camera.width as usize, camera.height as usize);
+        let drawn = (camera.width as usize, camera.height as usize);
         let photograph = Image::load_photograph(self.photograph()?, background)?;
-        let same = (photograph.width, photograph.height) == (width, height);
-        let photograph = if same { photograph } else { photograph.averaged(width, height) };
-        Ok((camera, photograph, self.counts((width, height))?))
+        let own = (photograph.width, photograph.height);
+        let photograph = if own == drawn { photograph } else { photograph.averaged(drawn.0, drawn.1) };
+        Ok((camera, photograph, self.counts(own, drawn)?))
     }
 
     pub fn score(&self, drawn: &Image, photograph: &Image, mask: Option<&[bool]>) -> Result<Score> {
@@ -278,16 +278,16 @@ pub fn prepare(args: &Args) -> Result<Work> {
             bail!("{}: {error}", one_line(&view.photograph));
         }
     }
-    let mask = |folder: &Path, view: &splatgraph_assets::View| {
-        cameras::beside_photograph(folder, view).ok_or_else(|| {
-            let name = one_line(&view.photograph).into_owned();
+    let mask = |folder: &Path, photograph: &str| {
+        cameras::beside_photograph(folder, photograph).ok_or_else(|| {
+            let name = one_line(photograph);
             std::io::Error::other(format!("expected the mask {name}.png in {}, found none", folder.display()))
         })
     };
     let view = |view: &splatgraph_assets::View| View {
         name: view.photograph.clone(),
-        photograph: Dataset::photograph_in(folder, view),
-        mask: args.masks.as_deref().map(|masks| mask(masks, view)),
+        photograph: Dataset::photograph_in(folder, &view.photograph),
+        mask: args.masks.as_deref().map(|masks| mask(masks, &view.photograph)),
         camera: view.camera.clone(),
     };
     let views: Vec<View> = chosen.into_iter().map(view).collect();

@@ -222,5 +222,8 @@ fn a_blender_scene_takes_its_size_from_its_photographs_and_its_split_from_its_fi
             .width,
         100
     );
-    assert_eq!(Dataset::photograph_in(folder.path(), test).unwrap(), folder.path().join("./r_0.png"));
+    assert_eq!(
+        Dataset::photograph_in(folder.path(), &test.photograph).unwrap(),
+        folder.path().join("./r_0.png")
+    );
 }
