@@ -111,7 +111,7 @@ fn graphs_whose_frames_depend_on_those_before_them_are_refused() {
     place.cameras(&CAMERAS);
     let render = "render scene.ply -c cameras.json --size 32x24 -p stale_order -o out";
     let told = run(&place, render, &["--shard", "0/1"], 2);
-    let why = "found `stale_order`, whose frames depend on those before them (a history, or `camera.frame`)";
+    let why = "found `stale_order`, whose frames depend on those before them (state, such as a history, or";
     assert!(told.contains(why) && told.contains("without --shard"), "{told}");
     run(&place, render, &[], 0);
     // `evaluate` starts each view anyway.

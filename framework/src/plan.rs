@@ -212,6 +212,21 @@ impl Plan {
         used(&self.prologue).into_iter().filter(ends).collect()
     }
 
+    /// Returns true if a resource's contents persist from frame to frame: it has a history, or the prologue writes it
+    /// and frames write it, too.
+    pub fn is_state(&self, id: ResourceId) -> bool {
+        let writes = |pass: &PassId| {
+            self.pass(*pass).uses.iter().any(|touch| touch.resource == id && touch.accesses.writes())
+        };
+        self.resource(id).history.is_some()
+            || self.prologue.iter().any(writes) && self.frame.iter().any(writes)
+    }
+
+    /// Returns true if frames depend on the frames before them; see [`Plan::is_state`].
+    pub fn carries_state(&self) -> bool {
+        (0..self.resources.len() as u32).any(|id| self.is_state(ResourceId(id)))
+    }
+
     /// Iterates over the prologue's passes, then the frame's.
     pub fn order(&self) -> impl DoubleEndedIterator<Item = PassId> + Clone + '_ {
         self.prologue.iter().chain(&self.frame).copied()

@@ -186,7 +186,7 @@ class Renderer:
         "normal". The built-in graphs have "alpha", "depth", "expected_depth", "median_depth", "normal", and, as uint32,
         "contributors" and "index"; docs/splatting.md defines them. Pictures with other outputs than the last one need a new plan.
 
-        Histories and `camera.frame` continue from call to call; a new Renderer starts with zeros.
+        State, such as histories, and `camera.frame` continue from call to call; a new Renderer starts anew.
 
         Raises:
             GraphError: the graph or a shader has errors, or the graph lacks an output.

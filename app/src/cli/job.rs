@@ -482,8 +482,8 @@ pub fn refuse_animated(session: &Session) -> Result<(), Usage> {
     match session.plan() {
         Some(plan) if is_animated(plan) => Err(Usage(format!(
             "expected a graph that draws each view on its own with --shard, found `{}`, whose frames depend on those \
-             before them (a history, or `camera.frame`): each shard would start them anew; draw all views in one \
-             process, without --shard",
+             before them (state, such as a history, or `camera.frame`): each shard would start them anew; draw all \
+             views in one process, without --shard",
             plan.name
         ))),
         _ => Ok(()),

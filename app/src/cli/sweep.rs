@@ -29,8 +29,8 @@ use std::path::{Path, PathBuf};
 /// largest by opacity times area in the world, the largest by opacity times area on the screen, and the nearest visible
 /// ones. The largest are chosen before keys are made, as usual for levels of detail. The nearest are cut after the
 /// sort, for which tiles use `sorted=splats`; they are a half, a quarter and so on of the visible splats, so fewer if
-/// some are outside of the view (`drawn` in sweep.csv). Each picture, the second frame of its view (histories begin
-/// with zeros), is compared with the exact renderer's picture of all splats. The page and the plots show the PSNR of
+/// some are outside of the view (`drawn` in sweep.csv). Each picture, the second frame of its view (a graph's state
+/// begins anew), is compared with the exact renderer's picture of all splats. The page and the plots show the PSNR of
 /// the mean squared error of all views, as `trade` does. `compare`, `evaluate` and `convert --price` show the mean of
 /// the views' PSNRs, which is higher.
 ///

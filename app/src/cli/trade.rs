@@ -45,8 +45,8 @@ use std::path::{Path, PathBuf};
 /// visible splats in the wrong order; and memory on the device. A `*` marks the Pareto front: every setting that is at
 /// least as accurate takes at least 2 % longer, beyond the noise. The noise is at least the difference of the exact
 /// settings from themselves. A `?` marks settings that may be on the front, but are too noisy to tell. A graph that
-/// draws from the previous frame is not judged. Its picture is the second frame of the still view: its histories begin
-/// with zeros in each view and setting. The error of a moving camera is not in it, and an average has not converged.
+/// draws from the previous frame is not judged. Its picture is the second frame of the still view: its state begins
+/// anew in each view and setting. The error of a moving camera is not in it, and an average has not converged.
 ///
 /// An interrupted run resumes. A folder whose rows depend on other inputs is refused: on another scene, graph or option
 /// of the device, on other cameras or pictures of --truth, or on other --rounds or --frames. Rows of another program or

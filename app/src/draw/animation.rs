@@ -1,5 +1,5 @@
-//! Detects plans whose frames may differ for equal inputs. These have a history, or their shaders read the frame
-//! number. Also detects plans that ignore the background.
+//! Detects plans whose frames may differ for equal inputs. These have state, or their shaders read the frame number.
+//! Also detects plans that ignore the background.
 
 use crate::draw::camera::{BACKGROUND, CAMERA, FRAME_NUMBER};
 use splatgraph_framework::ir::{Pass, ReflectedKind, Shader, Source};
@@ -7,7 +7,7 @@ use splatgraph_framework::plan::Plan;
 
 /// Returns true if the frames of a plan may differ for equal inputs.
 pub fn is_animated(plan: &Plan) -> bool {
-    plan.resources.iter().any(|resource| resource.history.is_some()) || reads_camera(plan, FRAME_NUMBER)
+    plan.carries_state() || reads_camera(plan, FRAME_NUMBER)
 }
 
 /// Returns a note if the plan ignores `background`, unless it is black, to which pictures are usually cleared.

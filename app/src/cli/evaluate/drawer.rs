@@ -14,12 +14,12 @@ use crate::draw::truth::Truth;
 use crate::io::image::Image;
 use crate::io::program;
 use crate::studies::evaluation::Evaluation;
-use crate::studies::measurement::plans::uses_last_frame;
 use crate::studies::measurement::view::MEASURED_FRAME;
 use anyhow::{Context, Result};
 use serde_json::{Map, Value as Json, json};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::plan::Plan;
 use splatgraph_reference::Rules;
 use std::sync::Arc;
 
@@ -68,7 +68,7 @@ impl Drawer {
     /// Reports that one of several frames is scored. `None` if each view is drawn once, or if --repeat chose the frame.
     pub fn note(&self) -> Option<String> {
         let Drawer::Device(session, None) = self else { return None };
-        let plan = session.plan().filter(|plan| uses_last_frame(plan))?;
+        let plan = session.plan().filter(|plan| plan.carries_state())?;
         Some(format!(
             "`{}` reads the previous frame: frame {MEASURED_FRAME} of each view is scored, in which an average has not converged; --repeat N draws more",
             plan.name
@@ -86,7 +86,8 @@ impl Drawer {
                 let camera = camera.relative_to(session.scene().offset());
                 session.prepare((camera.width, camera.height), &mut |_| {})?;
                 session.restart()?;
-                let default = if session.plan().is_some_and(uses_last_frame) { MEASURED_FRAME } else { 1 };
+                let default =
+                    if session.plan().is_some_and(Plan::carries_state) { MEASURED_FRAME } else { 1 };
                 for _ in 1..repeat.unwrap_or(default) {
                     let frame =
                         session.submit(&camera, &FrameOptions { background, ..FrameOptions::default() })?;

@@ -94,7 +94,7 @@ pub struct Args {
     /// Number of frames per camera; times are their medians, and the files are of the last one
     ///
     /// If N is above 1, the device is first warmed up for a fifth of a second, unless the picture depends on the number
-    /// of frames: the graph has a history, or a shader reads `camera.frame`. Its times need a large N.
+    /// of frames: the graph has state, such as a history, or a shader reads `camera.frame`. Its times need a large N.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = repeat)]
     pub(super) repeat: u32,
     /// Maximum number of pictures that are drawn but not yet written [default: two per processor]

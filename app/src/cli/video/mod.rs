@@ -339,7 +339,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let plan = session.plan().context("no plan after `prepare`")?;
     behind_note(plan, &args.drawing.set, &shown).iter().for_each(say);
     let dependent = is_animated(plan).then(|| {
-        format!("{}: each frame depends on those before it (a history, or `camera.frame`)", plan.name)
+        format!(
+            "{}: each frame depends on those before it (state, such as a history, or `camera.frame`)",
+            plan.name
+        )
     });
     let samples = dependent.as_ref().filter(|_| args.samples > 1);
     let samples = samples.map(|why| format!("{why}, and each of the {} samples counts as one", args.samples));

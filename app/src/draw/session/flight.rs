@@ -39,14 +39,14 @@ impl Session {
     /// The camera is in the scene's coordinates. [`Camera::relative_to`] with the scene's
     /// [`offset`](splatgraph_assets::Scene::offset) converts the cameras of files, which are in the world's.
     ///
-    /// If the graph has growing lists and histories, first waits for the frames in flight and repeats incomplete ones.
+    /// If the graph has growing lists and state, first waits for the frames in flight and repeats incomplete ones.
     /// [`Session::wait`] returns their results and errors.
     ///
     /// # Errors
     /// The camera is unusable, has another size than the prepared one or, unless it is a pinhole, another projection
     /// than the graph; a value of [`FrameOptions::live`] does not fit; no plan is prepared; or the device fails.
     pub fn submit(&mut self, camera: &Camera, request: &FrameOptions) -> Result<FrameId, SessionError> {
-        // The histories are saved before one frame only: the last.
+        // The state is saved before one frame only: the last.
         if self.plan().is_some_and(saves_histories) {
             for id in self.flying.iter().map(|flight| flight.id).collect::<Vec<_>>() {
                 let result = self.finish(id);
@@ -221,7 +221,7 @@ impl Session {
         }
     }
 
-    /// Restores the histories to their contents before an incomplete frame that cannot be repeated.
+    /// Restores the state from before an incomplete frame that cannot be repeated.
     ///
     /// Later frames then do not read its partial results. If this fails, for example without memory, these stay.
     fn undo(&mut self, plan: &Plan, share: bool) {
@@ -264,9 +264,9 @@ fn can_grow(plan: &Plan) -> bool {
     plan.params.iter().any(|param| param.grows.is_some())
 }
 
-/// Returns true if the histories are copied before each frame of the plan. A repeated frame then starts with the copy.
+/// Returns true if the state is copied before each frame of the plan. A repeated frame then starts with the copy.
 fn saves_histories(plan: &Plan) -> bool {
-    can_grow(plan) && plan.resources.iter().any(|resource| resource.history.is_some())
+    can_grow(plan) && plan.carries_state()
 }
 
 /// Copies the times of `Once` passes from an incomplete frame to the frame that reused their results.

@@ -9,9 +9,9 @@
 //! in flight are repeated when they are waited for. The larger capacity is kept for pictures of all sizes, unless the
 //! default for another size is larger, until [`Session::set_graph`] or [`Session::set_scene`].
 //!
-//! A repeated frame starts with the contents that the graph's histories had before it. Therefore, if a graph has both
-//! growing lists and histories, the histories are copied before each frame, and each frame is complete before the next
-//! is submitted.
+//! A repeated frame starts with the state ([`Plan::is_state`]) that the graph had before it. Therefore, if a graph has
+//! both growing lists and state, the state is copied before each frame, and each frame is complete before the next is
+//! submitted.
 
 use crate::draw::animation::background_note;
 use crate::draw::backend::Backend;
@@ -477,16 +477,14 @@ impl Session {
 
     /// Restarts the frames at number 0, so that a measurement does not depend on the frames before it.
     ///
-    /// A plan with histories is built and loaded again: histories are zero, and the next frame runs the prologue.
+    /// A plan with state is built and loaded again: histories are zero, and the next frame runs the prologue.
     ///
     /// # Errors
     /// See [`Session::prepare`].
     pub fn restart(&mut self) -> Result<(), SessionError> {
         self.frame = 0;
         match &self.loaded {
-            Some((plan, size)) if plan.resources.iter().any(|resource| resource.history.is_some()) => {
-                self.load(*size, Former::Nothing, &mut |_| {})
-            }
+            Some((plan, size)) if plan.carries_state() => self.load(*size, Former::Nothing, &mut |_| {}),
             _ => Ok(()),
         }
     }
@@ -582,7 +580,7 @@ impl Session {
 enum Former {
     Nothing,
     Histories,
-    /// Histories as they were before the last frame, which is repeated; and, if true, the results of `Once` passes.
+    /// State as it was before the last frame, which is repeated; and, if true, the results of `Once` passes.
     Frame {
         shares_results: bool,
     },

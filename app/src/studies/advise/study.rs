@@ -5,7 +5,7 @@ use super::search::{Best, Budget, Tried, best, combinations, own_share};
 use crate::draw::interleaved::{Effort, Frames};
 use crate::draw::keys::{self, Need};
 use crate::draw::session::{Session, SessionError};
-use crate::studies::measurement::plans::{self, Planned, Plans, to_measure};
+use crate::studies::measurement::plans::{Planned, Plans, to_measure};
 use crate::studies::measurement::settings::{self, EXACT};
 use crate::studies::measurement::time::FRAMES_DIVISOR;
 use crate::studies::measurement::view::{View, start};
@@ -14,6 +14,7 @@ use crate::studies::trade::measure::{MAX_PENDING, Pending, Row, Sessions};
 use serde::Serialize;
 use splatgraph_assets::{Camera, Report, Scene};
 use splatgraph_framework::lower::Control;
+use splatgraph_framework::plan::Plan;
 use std::collections::VecDeque;
 use std::sync::mpsc::{self, Receiver};
 use std::thread::{self, Scope};
@@ -203,7 +204,7 @@ fn measured(
             let mut sessions = Sessions::new(exact, session, setting, (None, built), views.len());
             for (view, exact_ms) in views.iter().zip(&mut *exact_ms) {
                 let row = sessions.measure(scope, view, effort, *exact_ms)?;
-                if sessions.plan().is_some_and(plans::uses_last_frame) {
+                if sessions.plan().is_some_and(Plan::carries_state) {
                     all[of] = None;
                     break;
                 }

@@ -13,11 +13,6 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 
-/// Returns true if a plan reads contents of the previous frame.
-pub fn uses_last_frame(plan: &Plan) -> bool {
-    plan.resources.iter().any(|resource| resource.history.is_some())
-}
-
 /// For a setting, the names of the settings with equal plans, which are not measured.
 pub type SamePlan = BTreeMap<String, BTreeSet<String>>;
 
@@ -141,7 +136,6 @@ mod tests {
         for changed in [("alpha_cap", "0.75"), ("key_bits", "9"), ("sh_degree", "0"), ("stop", "0.05")] {
             assert_ne!(tiled, of("tiled", &[changed]), "{changed:?}");
         }
-        assert!(uses_last_frame(&plan("stale_order", &[], 8)) && !uses_last_frame(&plan("splat", &[], 8)));
     }
 
     #[test]

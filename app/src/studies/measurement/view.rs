@@ -1,7 +1,6 @@
 //! Draws a picture and compares it with the truth, and times its frames.
 
 use super::error::{self, Error};
-use super::plans;
 use super::time::{Baseline, Time, Until, time_in_turns};
 use crate::draw::capture::{self, Capture};
 use crate::draw::interleaved::{self, Effort};
@@ -11,6 +10,7 @@ use crate::io::image::Image;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::{BackendError, Device, OUTPUT_READBACK};
 use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::plan::Plan;
 use splatgraph_reference::metrics::flip::Seen;
 use splatgraph_reference::{PictureMemoryError, Rules, depth_order};
 use std::panic::resume_unwind;
@@ -153,7 +153,7 @@ pub fn measure<'scope>(
     let memory = session.device().memory();
     Ok(Measuring {
         time,
-        of_last_frame: session.plan().is_some_and(plans::uses_last_frame),
+        of_last_frame: session.plan().is_some_and(Plan::carries_state),
         // Only the capture reads the picture back.
         gpu_bytes: memory.iter().filter(|(name, _)| name != OUTPUT_READBACK).map(|(_, bytes)| bytes).sum(),
         comparison,

@@ -10,7 +10,7 @@ use crate::io::image::Image;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use serde::Serialize;
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::Shape;
+use splatgraph_framework::ir::{ResourceId, Shape};
 use splatgraph_framework::plan::Plan;
 use splatgraph_reference::{Rules, depth_order};
 
@@ -139,8 +139,8 @@ pub fn study(
 
 /// Returns true if a plan keeps an image from frame to frame, as averages do.
 fn averages(plan: &Plan) -> bool {
-    let kept = plan.resources.iter().filter(|resource| resource.history.is_some());
-    kept.into_iter().any(|resource| matches!(resource.shape, Shape::Image { .. }))
+    let mut resources = (0..).map(ResourceId).zip(&plan.resources);
+    resources.any(|(id, resource)| matches!(resource.shape, Shape::Image { .. }) && plan.is_state(id))
 }
 
 /// Draws a path with a variant, and scores its steps.
@@ -161,7 +161,7 @@ fn measure(
         progress.next(&format!("{}, frame {at}", variant.name))?;
         if at == 0 {
             session.prepare((camera.width, camera.height), &mut |_| {})?;
-            // Otherwise, a variant would begin with the histories of the one before.
+            // Otherwise, a variant would begin with the state of the one before.
             session.restart()?;
             for _ in 0..warm_up {
                 interleaved::frame(session, camera)?;
