@@ -6,6 +6,7 @@ use splatgraph::draw::session::{FrameOptions, image_of};
 use splatgraph::io::image::Image;
 use splatgraph_assets::{Camera, synth};
 use std::fs;
+use std::path::Path;
 
 const GRAPH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/growing/graph.ron");
 
@@ -66,6 +67,52 @@ fn a_frame_that_is_drawn_again_is_in_a_history_once_and_one_that_cannot_be_drawn
     }
     assert_eq!(session.growths(), 2);
     images::close(session, SUMS);
+}
+
+#[test]
+fn what_a_once_pass_starts_and_frames_change_is_state_with_or_without_a_history() {
+    for history in ["", ", history: true"] {
+        let place = Place::new();
+        place.cameras(&["one", "two", "three"]);
+        let folder = Path::new(SUMS).parent().expect("a folder");
+        for name in ["steps.ron", "seed.comp", "step.comp", "show.comp"] {
+            fs::copy(folder.join(name), place.at(name)).expect("copied");
+        }
+        for resource in
+            ["\"count\": Buffer(stride: 4, count: 1", "\"trail\": Image(format: \"r32f\", size: (1, 1)"]
+        {
+            place.edit("steps.ron", resource, &format!("{resource}{history}"));
+        }
+        let counts = |more: &str| {
+            place.done(&format!("render scene.ply -p steps.ron --json=out.json {more}"));
+            let stats = place.json("out.json");
+            stats
+                .as_array()
+                .expect("a list")
+                .iter()
+                .map(|stats| stats["counts"]["count"].clone())
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(counts("--size 8x8 --repeat 3"), [8], "no warm-up");
+        // A list that grows does not start it again.
+        for room in [100, 13] {
+            assert_eq!(counts(&format!("-c cameras.json -o out/ --set room={room}")), [6, 7, 8], "{room}");
+            let colours = ["one", "two", "three"].map(|name| place.image(&format!("out/{name}.png")).rgb[0]);
+            assert_eq!(
+                colours,
+                [6.0, 7.0, 8.0].map(|steps: f32| [steps / 255.0, steps / 255.0, 0.0]),
+                "{room}"
+            );
+        }
+        let told = place.fails("render scene.ply -p steps.ron -c cameras.json -o shards --shard 0/3", 2);
+        assert!(told.contains("`steps.ron`, whose frames depend on those before them"), "{told}");
+        // Views do not depend on each other.
+        place.done("synth --photograph scene.ply --dataset views --views 2 --size 32x24");
+        let (_, notes) = place.said("evaluate scene.ply -c views --all -p steps.ron -o scores");
+        assert!(notes.contains("frame 2 of each view is scored"), "{notes}");
+        let drawn: Vec<_> = place.files("scores/renders").into_values().collect();
+        assert!(drawn.len() == 2 && drawn[0] == drawn[1]);
+    }
 }
 
 #[test]

@@ -302,6 +302,10 @@ impl splatgraph_api::Loader for Loader {
         wrapped!(self, Loader => Loader, loader => loader.clearing_histories())
     }
 
+    fn keeping_state(self) -> Self {
+        wrapped!(self, Loader => Loader, loader => loader.keeping_state())
+    }
+
     fn restoring_histories(self) -> Self {
         wrapped!(self, Loader => Loader, loader => loader.restoring_histories())
     }

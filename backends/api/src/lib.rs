@@ -195,8 +195,8 @@ pub struct FrameInputs {
     pub inspect: Vec<Inspect>,
     /// Omits the passes' timestamps, which cost time. The timestamps of the whole frame stay.
     pub untimed_passes: bool,
-    /// Copies the histories before the frame's passes change them; see [`Loader::restoring_histories`]. The copies take
-    /// time, and as much device memory as the histories.
+    /// Copies the plan's state ([`Plan::is_state`]) before the frame's passes change it; see
+    /// [`Loader::restoring_histories`]. The copies take time, and as much device memory as the state.
     pub save_histories: bool,
 }
 
@@ -391,9 +391,14 @@ pub trait Loader: Send + 'static {
     #[must_use]
     fn clearing_histories(self) -> Self;
 
-    /// Lets the plan's histories begin with the contents from before the current plan's last frame with
-    /// [`FrameInputs::save_histories`]. The frame can then be repeated with another plan. Without such a frame, the
-    /// histories begin with zeros.
+    /// Lets all state of the current plan ([`Plan::is_state`]) continue: also histories that the prologue writes, and
+    /// results of the prologue that frames change. For a plan that differs only in capacities.
+    #[must_use]
+    fn keeping_state(self) -> Self;
+
+    /// Lets the plan's state ([`Plan::is_state`]) begin with the contents from before the current plan's last frame
+    /// with [`FrameInputs::save_histories`]. The frame can then be repeated with another plan. Without such a frame, the
+    /// state begins anew.
     #[must_use]
     fn restoring_histories(self) -> Self;
 

@@ -8,7 +8,7 @@ use crate::attributes::{self, PlaneKey};
 use crate::bindings::Bindings;
 use crate::check;
 use crate::gpu::{Buffer, Gpu, Location, Memory};
-use crate::history::{self, History};
+use crate::history::{self, History, Start};
 use crate::once::UsedOnce;
 use crate::resources::{Resources, member};
 use crate::results::{self, Recipe, Recipes};
@@ -38,8 +38,10 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     pub layouts: Vec<Layout>,
     /// Resources that continue a previous plan's history, until the first frame is submitted.
     pub carried: Vec<ResourceId>,
-    /// Copies of the histories that the plan can continue, made before its last frame that saved them. Empty before the
-    /// first such frame.
+    /// State of a previous plan, with its layout, that is copied to the plan's resources after the prologue. Kept until
+    /// the prologue's frame has completed.
+    pub restored: Vec<(ResourceId, Layout, Transient<G>)>,
+    /// Copies of the state, made before the plan's last frame that saved it. Empty before the first such frame.
     pub saved: Vec<(ResourceId, Transient<G>)>,
     recipes: Recipes,
     /// Prologue passes that do not run: their results are reused from another plan, or used only by other skipped
@@ -105,6 +107,7 @@ impl<G: Gpu> CompiledPlan<G> {
             identity,
             layouts: vec![Layout::Undefined; plan.resources.len()],
             carried: Vec::new(),
+            restored: Vec::new(),
             saved: Vec::new(),
             recipes,
             skipped,
@@ -115,12 +118,16 @@ impl<G: Gpu> CompiledPlan<G> {
         })
     }
 
-    /// Sets the plan's number, and adopts the previous plan's `histories` that it can continue. Call it when the plan
-    /// becomes the current one, before its first frame.
-    pub fn follow(&mut self, gpu: &G, number: u64, histories: &[History<G>]) {
+    /// Sets the plan's number, and continues with the previous plan's state ([`Start`]), as far as it can. Call it when
+    /// the plan becomes the current one, before its first frame.
+    pub fn follow(&mut self, gpu: &G, number: u64, former: (Start, &[History<G>])) {
         self.number = number;
         for id in self.ids() {
-            let Some(history) = history::find(&self.plan, id, self.identity, histories) else { continue };
+            let Some(history) = history::find(&self.plan, id, self.identity, former) else { continue };
+            if former.0 != Start::Current {
+                self.restored.push((id, history.layout, history.transient.clone()));
+                continue;
+            }
             self.carried.push(id);
             self.layouts[id.index()] = history.layout;
             self.resources.rebind(id, history.transient.clone());
@@ -130,8 +137,10 @@ impl<G: Gpu> CompiledPlan<G> {
         }
     }
 
-    /// Frees the prologue's bindings and the buffers that only it uses. The prologue's frame must have completed.
+    /// Frees the prologue's bindings, the buffers that only it uses and restored state. The prologue's frame must have
+    /// completed.
     pub fn end_prologue(&mut self) {
+        self.restored.clear();
         self.bindings.end_prologue(&self.plan);
         for id in std::mem::take(&mut self.used_once) {
             self.resources.free(id);
@@ -143,30 +152,31 @@ impl<G: Gpu> CompiledPlan<G> {
     }
 
     pub fn histories(&self) -> Vec<History<G>> {
-        // Before the first frame, only histories carried over from the previous plan have contents.
+        // Before the first frame, only state of the previous plan has contents.
         let full = self.ids().filter(|id| !self.prologue_due || self.carried.contains(id));
-        let current =
-            |id: ResourceId| Some((self.layouts[id.index()], self.resources.transient(id)?.clone()));
-        full.filter_map(|id| self.history(id, current(id)?)).collect()
+        let full = full.filter(|id| history::is_state(&self.plan, *id));
+        let current = full
+            .filter_map(|id| Some(self.history(id, self.layouts[id.index()], self.resources.transient(id)?)));
+        let restored = self.restored.iter().filter(|_| self.prologue_due);
+        current.chain(restored.map(|(id, layout, former)| self.history(*id, *layout, former))).collect()
     }
 
-    /// Lists the histories as they were before the last frame that saved them.
+    /// Lists the state as it was before the last frame that saved it.
     pub fn saved_histories(&self) -> Vec<History<G>> {
-        let saved = self.saved.iter();
-        saved.filter_map(|(id, copy)| self.history(*id, (Layout::TransferTarget, copy.clone()))).collect()
+        self.saved.iter().map(|(id, copy)| self.history(*id, Layout::TransferTarget, copy)).collect()
     }
 
-    fn history(&self, id: ResourceId, (layout, transient): (Layout, Transient<G>)) -> Option<History<G>> {
-        let (name, shape) = (history::name(&self.plan, id)?.to_string(), self.plan.resource(id).shape);
-        Some(History { name, shape, identity: self.identity, layout, transient })
+    fn history(&self, id: ResourceId, layout: Layout, transient: &Transient<G>) -> History<G> {
+        let (resource, transient) = (self.plan.resource(id).clone(), transient.clone());
+        History { resource, identity: self.identity, layout, transient }
     }
 
-    /// Creates the copies of histories into which frames save them, unless they exist.
+    /// Creates the copies into which frames save the state, unless they exist.
     pub fn make_saved(&mut self, gpu: &Arc<G>) -> Result<(), BackendError> {
         if self.saved.is_empty() {
             let mut saved = Vec::new();
-            for id in self.ids().filter(|id| history::continued(&self.plan, *id).is_some()) {
-                let copy = aliasing::create_block(gpu, &[member(self.plan.resource(id))])?;
+            for id in self.ids().filter(|id| history::is_state(&self.plan, *id)) {
+                let copy = aliasing::create_block(gpu, &[member(&self.plan, id)])?;
                 saved.extend(copy.into_iter().map(|copy| (id, copy)));
             }
             self.saved = saved;
@@ -227,7 +237,8 @@ impl<G: Gpu> CompiledPlan<G> {
     /// Iterates over the plan's memory allocations. Shared ones appear more than once.
     pub fn pieces(&self) -> impl Iterator<Item = &Arc<G::Memory>> {
         let saved = self.saved.iter().map(|(_, copy)| copy.memory());
-        self.resources.pieces().chain(self.readbacks.iter().map(|buffer| &buffer.memory)).chain(saved)
+        let kept = saved.chain(self.restored.iter().map(|(_, _, former)| former.memory()));
+        self.resources.pieces().chain(self.readbacks.iter().map(|buffer| &buffer.memory)).chain(kept)
     }
 
     pub fn memory(&self) -> Vec<(String, u64)> {

@@ -263,12 +263,12 @@ impl<G: Gpu> Device for Executor<G> {
         if executor != self.id {
             return invalid(format!("`{}` was prepared for another executor", compiled.plan.name));
         }
-        let histories = match (histories, &self.compiled) {
-            (Start::Current, Some(former)) => former.histories(),
+        let former = match (histories, &self.compiled) {
+            (Start::Current | Start::Grown, Some(former)) => former.histories(),
             (Start::Saved, Some(former)) => former.saved_histories(),
             (Start::Zeros, _) | (_, None) => Vec::new(),
         };
-        compiled.follow(&self.shared.gpu, self.plans, &histories);
+        compiled.follow(&self.shared.gpu, self.plans, (histories, &former));
         self.plans += 1;
         // Frames of the replaced plan may still be running.
         self.former.extend(self.compiled.replace(compiled));

@@ -1,9 +1,13 @@
-//! Hands histories over from one plan to the next. A history is a resource whose contents persist between frames.
+//! Hands state over from one plan to the next: the resources whose contents persist between frames. They are histories,
+//! and results of the prologue that frames change.
 //!
 //! If a plan and its predecessor both have a history of the same name and shape, for the same scene, they share the
 //! buffer or image, and the new plan skips the [`Work::ClearHistory`]. A history continues only if it has contents,
 //! does not alias other resources in either plan, was created for every use that the new plan makes of it, and no other
 //! pass of the new plan's prologue writes it. Otherwise the new plan's prologue initializes its own copy.
+//!
+//! A plan with more capacity ([`Start::Grown`], [`Start::Saved`]) continues all state of equal name and shape. Its
+//! prologue runs as in any plan. Then the contents are copied from the previous plan.
 //!
 //! Every plan is created with its own memory, because it is prepared before it becomes current. When it is swapped in
 //! ([`crate::compiled::CompiledPlan::follow`]), it adopts the previous plan's histories, and drops its own.
@@ -13,61 +17,68 @@ use crate::gpu::Gpu;
 use crate::usage::usage;
 use splatgraph_framework::{ir::*, plan::*};
 
-/// The contents with which the histories of a plan start.
+/// The contents with which the state of a plan starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Start {
-    /// The contents in the current plan.
+    /// Histories continue from the current plan, unless the prologue writes them.
     Current,
-    /// The contents before the current plan's last frame with [`splatgraph_api::FrameInputs::save_histories`].
+    /// All state continues from the current plan.
+    Grown,
+    /// All state continues with the contents before the current plan's last frame with
+    /// [`splatgraph_api::FrameInputs::save_histories`].
     Saved,
+    /// Nothing continues.
     Zeros,
 }
 
+/// The contents of a resource of another plan.
 pub(crate) struct History<G: Gpu> {
-    pub name: String,
-    pub shape: Shape,
+    pub resource: Resource,
     pub identity: u64,
     /// For an image, its layout after the last frame.
     pub layout: Layout,
     pub transient: Transient<G>,
 }
 
-/// Returns the name of a resource's history; `None` if it has no history or aliases other resources.
-pub(crate) fn name(plan: &Plan, id: ResourceId) -> Option<&str> {
-    let resource = plan.resource(id);
-    let alone = resource.source == Source::Transient && plan.aliases(id).next().is_none();
-    resource.history.as_deref().filter(|_| alone)
+/// Returns true if a resource's contents persist between frames, and it does not alias other resources.
+pub(crate) fn is_state(plan: &Plan, id: ResourceId) -> bool {
+    let alone = plan.resource(id).source == Source::Transient && plan.aliases(id).next().is_none();
+    alone && plan.is_state(id)
 }
 
-/// Returns the name of a history that the plan can continue; `None` for other resources.
-pub(crate) fn continued(plan: &Plan, id: ResourceId) -> Option<&str> {
+/// Returns true if the plan can share a history with the plan before it.
+fn is_shared(plan: &Plan, id: ResourceId) -> bool {
     // Without a pass that clears it, the plan does not treat it as a history. If another prologue pass writes it, its
     // contents start anew.
     let prologue = || plan.prologue.iter().map(|pass| plan.pass(*pass));
     let start = Work::ClearHistory { resource: id };
     let writes = |pass: &Pass| pass.uses.iter().any(|t| t.resource == id && t.accesses.writes());
-    let starts = prologue().any(|pass| pass.work == start)
-        && !prologue().any(|pass| pass.work != start && writes(pass));
-    name(plan, id).filter(|_| starts)
+    prologue().any(|pass| pass.work == start) && !prologue().any(|pass| pass.work != start && writes(pass))
 }
 
-/// Finds the history in `former`, the previous plan's histories, that resource `id` of `plan` continues, if any.
+/// Finds the state in `former`, that of the previous plan, with which resource `id` of `plan` continues, if any. With
+/// [`Start::Current`], the plan shares the previous plan's resource.
 pub(crate) fn find<'a, G: Gpu>(
     plan: &Plan,
     id: ResourceId,
     identity: u64,
-    former: &'a [History<G>],
+    (start, former): (Start, &'a [History<G>]),
 ) -> Option<&'a History<G>> {
-    let name = continued(plan, id)?;
     let resource = plan.resource(id);
-    former.iter().find(|history| {
+    let shares = start == Start::Current;
+    let may_continue = is_state(plan, id) && (!shares || is_shared(plan, id));
+    former.iter().filter(|_| may_continue).find(|history| {
         let made_for = match &history.transient {
             Transient::Buffer(buffer) => buffer.usage,
             Transient::Image(image) => image.usage,
         };
-        made_for.contains(usage(resource))
-            && history.name == name
-            && history.shape == resource.shape
+        let same_name = match (&history.resource.history, &resource.history) {
+            (None, None) => history.resource.name == resource.name,
+            (former, own) => former == own,
+        };
+        (!shares || made_for.contains(usage(resource)))
+            && same_name
+            && history.resource.shape == resource.shape
             && history.identity == identity
     })
 }

@@ -56,6 +56,10 @@ impl<G: Gpu> splatgraph_api::Loader for Loader<G> {
         Loader { histories: Start::Zeros, ..self }
     }
 
+    fn keeping_state(self) -> Self {
+        Loader { histories: Start::Grown, ..self }
+    }
+
     fn restoring_histories(self) -> Self {
         Loader { histories: Start::Saved, ..self }
     }

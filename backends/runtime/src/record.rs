@@ -2,7 +2,7 @@
 //!
 //! Between the passes come only the commands lowered from the plan's dependencies. The runtime adds barriers only
 //! around its own work: at the start of a plan that continues another's histories or reuses its results, around copies
-//! of histories, inspected resources and shared outputs, and before the host reads copies.
+//! of state, inspected resources and shared outputs, and before the host reads copies.
 
 use crate::aliasing::Transient;
 use crate::compiled::CompiledPlan;
@@ -18,6 +18,9 @@ pub(crate) struct Recorded {
     /// For each resource, its layout after the frame; meaningful only for images.
     pub layouts: Vec<Layout>,
 }
+
+/// A side of a copy of state, with an image's layouts before and after the copy.
+type Copied<'a, G> = (&'a Transient<G>, (Layout, Layout));
 
 pub(crate) struct Recorder<'a, G: Gpu> {
     pub encoder: &'a mut G::Encoder,
@@ -47,6 +50,7 @@ impl<G: Gpu> Recorder<'_, G> {
         }
         if compiled.prologue_due {
             self.synchronize(None, &mut recorded.layouts);
+            self.restore_state(&recorded.layouts);
         }
         self.save_histories(&recorded.layouts);
         for pass in &compiled.plan.frame {
@@ -80,36 +84,59 @@ impl<G: Gpu> Recorder<'_, G> {
         }
     }
 
-    /// Copies the histories for [`CompiledPlan::saved`], if the frame asks for it. The copies of images end in
+    /// Copies [`CompiledPlan::restored`] to the plan's resources.
+    fn restore_state(&mut self, layouts: &[Layout]) {
+        let compiled = self.compiled;
+        let copies = compiled.restored.iter().filter_map(|(id, layout, former)| {
+            let (layouts, target) =
+                ((layouts[id.index()], layouts[id.index()]), compiled.resources.transient(*id)?);
+            Some([(former, (*layout, Layout::TransferSource)), (target, layouts)])
+        });
+        self.copy_state("restore state", &copies.collect::<Vec<_>>());
+    }
+
+    /// Copies the state to [`CompiledPlan::saved`], if the frame asks for it. The copies of images end in
     /// [`Layout::TransferTarget`].
     fn save_histories(&mut self, layouts: &[Layout]) {
         let compiled = self.compiled;
-        if !self.inputs.save_histories || compiled.saved.is_empty() {
+        let saved = compiled.saved.iter().filter(|_| self.inputs.save_histories);
+        let copies = saved.filter_map(|(id, copy)| {
+            let (layouts, source) =
+                ((layouts[id.index()], layouts[id.index()]), compiled.resources.transient(*id)?);
+            Some([(source, layouts), (copy, (Layout::Undefined, Layout::TransferTarget))])
+        });
+        self.copy_state("save state", &copies.collect::<Vec<_>>());
+    }
+
+    /// Copies resources: each from the first of a pair to the second.
+    fn copy_state(&mut self, label: &str, copies: &[[Copied<G>; 2]]) {
+        if copies.is_empty() {
             return;
         }
-        self.encoder.push_label(format_args!("save histories"));
+        let between = [Layout::TransferSource, Layout::TransferTarget];
         let images = || {
-            compiled.saved.iter().filter_map(|(id, copy)| match copy {
-                Transient::Image(copy) => Some((compiled.resources.image(*id)?, copy, layouts[id.index()])),
-                Transient::Buffer(_) => None,
-            })
+            copies.iter().flat_map(|pair| pair.iter().zip(between)).filter_map(
+                |((copied, layouts), between)| match copied {
+                    Transient::Image(image) => Some((&**image, *layouts, between)),
+                    Transient::Buffer(_) => None,
+                },
+            )
         };
-        let (source, target) = (Layout::TransferSource, Layout::TransferTarget);
-        self.encoder.full_barrier(images().flat_map(|(image, copy, old)| {
-            [
-                ImageLayout { image, old, new: source },
-                ImageLayout { image: copy, old: Layout::Undefined, new: target },
-            ]
-        }));
-        for (id, copy) in &compiled.saved {
-            if let Transient::Buffer(copy) = copy {
-                let buffer = compiled.resources.buffer(*id, self.slot);
-                self.encoder.copy_buffer((buffer, 0), (copy, 0), copy.bytes);
+        self.encoder.push_label(format_args!("{label}"));
+        self.encoder.full_barrier(images().map(|(image, (old, _), new)| ImageLayout { image, old, new }));
+        for pair in copies {
+            match pair {
+                [(Transient::Buffer(source), _), (Transient::Buffer(target), _)] => {
+                    self.encoder.copy_buffer((source, 0), (target, 0), target.bytes);
+                }
+                [(Transient::Image(source), _), (Transient::Image(target), _)] => {
+                    self.encoder.copy_to_image(source, target);
+                }
+                _ => unreachable!("state is copied between resources of one shape"),
             }
         }
-        images().for_each(|(image, copy, _)| self.encoder.copy_to_image(image, copy));
-        let back = |(image, _, new)| ImageLayout { image, old: source, new };
-        self.encoder.full_barrier(images().map(back));
+        let back = images().filter(|(_, (_, new), old)| old != new);
+        self.encoder.full_barrier(back.map(|(image, (_, new), old)| ImageLayout { image, old, new }));
         self.encoder.pop_label();
     }
 

@@ -230,16 +230,18 @@ fn transients<G: Gpu>(
             if let Shape::Image { format, .. } = resource.shape {
                 check_format(gpu, plan, id, format)?;
             }
-            members.push(member(resource));
+            members.push(member(plan, id));
         }
         all.extend(block.aliases.iter().copied().zip(aliasing::create_block(gpu, &members)?));
     }
     Ok(all)
 }
 
-/// Describes a transient resource to create.
-pub(crate) fn member(resource: &Resource) -> Member<'_> {
-    let (name, usage) = (resource.name.as_str(), usage(resource));
+/// Describes a transient resource to create, or the copy of one.
+pub(crate) fn member(plan: &Plan, id: ResourceId) -> Member<'_> {
+    let resource = plan.resource(id);
+    let restored = if plan.is_state(id) { Usage::COPY_TARGET } else { Usage::empty() };
+    let (name, usage) = (resource.name.as_str(), usage(resource) | restored);
     match resource.shape {
         Shape::Image { format, width, height } => {
             Member::Image(ImageDesc { name, format, size: (width, height), usage })

@@ -90,6 +90,7 @@ fn build(planner: &mut Planner, cancel: &Cancel, job: Job) -> Built {
         let loader = loader.cancelled_by(cancel.clone());
         // A plan for inspections runs its whole prologue, so that each pass's output can be read.
         let loader = if inputs.share_memory { loader.sharing_results() } else { loader };
+        let loader = if causes.is_room_alone() { loader.keeping_state() } else { loader };
         let ready = loader
             .prepare(plan.clone(), &Upload(scene), &mut |step| set_progress(&progress, describe(&step)));
         set_progress(&progress, String::new());

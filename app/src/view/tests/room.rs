@@ -7,7 +7,7 @@ use crate::view::events::{Event, RendererId};
 use crate::view::renderer::{Choice, PlanInputs, Renderer};
 use splatgraph_assets::Scene;
 use splatgraph_framework::ir::Value;
-use splatgraph_null::{Config, Fault, Point, limits, open};
+use splatgraph_null::{Call, Config, Fault, Point, limits, open};
 use splatgraph_runtime::Limits;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -198,6 +198,27 @@ fn where_the_device_refuses_more_room_frames_stay_in_part_and_the_viewer_says_wh
     });
     assert_eq!(causes(&events), ["start", "digits"]);
     assert_eq!(events.iter().find(|event| matches!(event, Event::Failed { .. })), None);
+}
+
+#[test]
+fn a_simulation_that_a_once_pass_starts_goes_on_when_a_list_grows() {
+    let folder = arranged();
+    let shader = folder.path().join("key.comp");
+    let text =
+        std::fs::read_to_string(&shader).expect("a shader").replace("readonly buffer Table", "buffer Table");
+    std::fs::write(&shader, text.replace("% 64u]", "% 64u]++")).expect("written");
+    let mut script = Script::open_in(folder, &Config { read: 300, ..Config::default() }, false);
+    let restored = |script: &mut Script| {
+        script.settle();
+        let is_copy =
+            |call: &&Call| matches!(call, Call::CopyBuffer { target: (name, 0), .. } if name == "table");
+        script.take_calls().iter().filter(is_copy).count()
+    };
+    assert_eq!((restored(&mut script), entries(&mut script)), (1, Value::Int(375)));
+    // Another constant starts it anew.
+    script.viewer().a.renderer.set_param("entries", Some(Value::Int(500)));
+    assert_eq!((restored(&mut script), entries(&mut script)), (0, Value::Int(500)));
+    script.close(&[]);
 }
 
 #[test]

@@ -273,9 +273,13 @@ impl Script {
 
     /// Counts the frames of A, B and the window submitted since the last call.
     pub fn submissions(&self) -> usize {
-        let devices = self.devices.borrow();
-        let calls = devices.iter().flat_map(|(_, journal)| journal.take());
-        calls.filter(|call| matches!(call, Call::Submit { encoder, .. } if encoder == "frame")).count()
+        let is_frame = |call: &&Call| matches!(call, Call::Submit { encoder, .. } if encoder == "frame");
+        self.take_calls().iter().filter(is_frame).count()
+    }
+
+    /// Takes the calls of all devices since the last time.
+    pub fn take_calls(&self) -> Vec<Call> {
+        self.devices.borrow().iter().flat_map(|(_, journal)| journal.take()).collect()
     }
 
     /// Makes the first device hang in later submissions, or resume. With two devices, the first is the scene's.
