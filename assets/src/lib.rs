@@ -65,7 +65,9 @@ pub use activation::SH_C0;
 pub use attributes::ATTRIBUTES;
 pub use bounds::{Bounds, WorldBounds, decimals};
 pub use camera::Camera;
-pub use dataset::{CameraError, CameraOptions, Dataset, MAX_CAMERA_BYTES, TEST_EVERY, View, photograph};
+pub use dataset::{
+    CameraError, CameraOptions, Dataset, FrameTiming, MAX_CAMERA_BYTES, TEST_EVERY, View, photograph, unnamed,
+};
 pub use error::{LoadError, SceneError};
 pub use formats::{Content, LargeSteps};
 pub use input::{Progress, QUIET, SceneHeader};

@@ -10,7 +10,7 @@ use super::alignment::{Applied, Matrix};
 use super::colmap::{IDEAL, UNDISTORT, distorted_parameters};
 use super::error::{CameraError, MAX_CAMERAS};
 use super::photograph;
-use super::view::{CameraOptions, Dataset, View};
+use super::view::{CameraOptions, Dataset, FrameTiming, View};
 use crate::camera::{Camera, Entry, distortion};
 use crate::composition::BYTE_ORDER_MARK;
 use crate::projection::Projection;
@@ -420,6 +420,10 @@ fn transforms(
         dataset.unmatched = names.into_iter().map(|name| name.display().to_string()).collect();
         dataset.unmatched.sort();
     }
+    let timing = is_path.then(|| FrameTiming {
+        fps: file.others.get("fps").and_then(Value::as_f64),
+        is_cycle: file.others.get("is_cycle").and_then(Value::as_bool).unwrap_or_default(),
+    });
     // A path is in the space of the scene.
     let applied = (!is_path).then_some(Applied {
         // nerfstudio assumes this one for files of COLMAP's poses that were written before the field existed.
@@ -429,7 +433,7 @@ fn transforms(
         }),
         scale: file.applied_scale,
     });
-    Ok((Dataset { photographs: Some(folder), ..dataset }, applied))
+    Ok((Dataset { photographs: Some(folder), timing, ..dataset }, applied))
 }
 
 struct Frames<'a, T, F>(List<'a, T, F>);

@@ -21,7 +21,7 @@ mod view;
 
 use alignment::Applied;
 pub use error::{CameraError, MAX_CAMERA_BYTES};
-pub use view::{CameraOptions, Dataset, View};
+pub use view::{CameraOptions, Dataset, FrameTiming, View, unnamed};
 
 use crate::camera::Camera;
 use crate::file;
@@ -178,8 +178,8 @@ impl Dataset {
     /// Reads the dataset of `path`, or a selection of its views.
     ///
     /// `path#name` is one view, by a camera's `img_name` or its photograph's name. `path#2` is the view with that index
-    /// from 0, unless a camera has that name. `path#front/*` are the views whose names begin with `front/`; their test
-    /// views are those of the whole dataset.
+    /// from 0, unless a camera has that name; without names, so is `path#camera2` (see [`unnamed`]). `path#front/*` are
+    /// the views whose names begin with `front/`; their test views are those of the whole dataset.
     ///
     /// # Errors
     /// The errors of [`Dataset::load`], the dataset is empty, or there is no such camera.
@@ -211,12 +211,15 @@ impl Dataset {
         let is_index = |index: &usize| *index < dataset.views.len() && index.to_string() == wanted;
         let numbered = || wanted.parse().ok().filter(is_index);
         let by_name = named(wanted).or_else(|| named(photograph::stem(wanted)));
-        let Some(index) = by_name.or_else(numbered) else {
+        let count = dataset.views.len();
+        let has_no_name = |index: &usize| dataset.views[*index].camera.img_name.is_empty();
+        let called = || (0..count).filter(has_no_name).find(|index| unnamed(*index, count) == wanted);
+        let Some(index) = by_name.or_else(numbered).or_else(called) else {
             let names = dataset.views.iter().map(|view| view.camera.img_name.clone());
             return Err(CameraError::NotFound {
                 path: path.to_owned(),
                 wanted: wanted.to_owned(),
-                count: dataset.views.len(),
+                count,
                 names: names.filter(|name| !name.is_empty()).take(8).collect(),
             });
         };
@@ -225,7 +228,11 @@ impl Dataset {
         if by_name.is_some() {
             dataset.same_name = equal().nth(1).map(|(next, _)| (equal().count(), next));
         }
-        dataset.views = vec![dataset.views.swap_remove(index)];
+        let mut view = dataset.views.swap_remove(index);
+        if view.camera.img_name.is_empty() {
+            view.camera.img_name = unnamed(index, count);
+        }
+        dataset.views = vec![view];
         Ok(dataset)
     }
 

@@ -49,4 +49,21 @@ pub struct Dataset {
     pub has_masks: bool,
     /// True if the file moves cameras over time, which is not read. glTF files can.
     pub has_animation: bool,
+    /// The timing of the cameras, if they are the frames of a film, as in a `camera_path.json`.
+    pub timing: Option<FrameTiming>,
+}
+
+/// The timing of cameras that are the frames of a film, as far as the file contains it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FrameTiming {
+    /// Frames per second.
+    pub fps: Option<f64>,
+    /// True if the first camera follows the last.
+    pub is_cycle: bool,
+}
+
+/// Names the camera with this index, among `count`, if the file does not. The names sort in the order of the cameras.
+pub fn unnamed(index: usize, count: usize) -> String {
+    let digits = count.saturating_sub(1).to_string().len();
+    format!("camera{index:0digits$}")
 }

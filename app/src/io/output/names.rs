@@ -3,13 +3,14 @@
 //! The list of names determines the file names, so two runs give the same files. Names that are valid file names stay
 //! unchanged, except for a leading `images/`, the usual folder of photographs, which is left out. In other names,
 //! characters that some system rejects become `_`: separators, control characters, `< > : " | ? *`, and a leading dot.
-//! The names of Windows devices (`CON`, `NUL`, ...) get a leading `_`. An empty name becomes `camera` and the camera's
-//! index. Among equal results, one stays: the first name that was valid, or else the first. The others get `-` and the
-//! camera's index, and then a number, until all differ, ignoring case. A name that is too long is cut, and ends in `~`
-//! and eight digits of the hash of the whole name. [`first_free`] numbers the files that a window writes.
+//! The names of Windows devices (`CON`, `NUL`, ...) get a leading `_`. An empty name becomes [`unnamed`]. Among equal
+//! results, one stays: the first name that was valid, or else the first. The others get `-` and the camera's index, and
+//! then a number, until all differ, ignoring case. A name that is too long is cut, and ends in `~` and eight digits of
+//! the hash of the whole name. [`first_free`] numbers the files that a window writes.
 
 use super::file::{OutputError, write_new_bytes};
 use super::terminal::{is_harmful, one_line};
+use splatgraph_assets::unnamed;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf, is_separator};
 
@@ -77,8 +78,11 @@ pub fn others(folder: &Path, extension: &str, own: &HashSet<PathBuf>) -> Option<
 pub fn unique(names: &[String], room: usize) -> Vec<String> {
     let room = room.max(MIN_ROOM_BYTES);
     let names: Vec<&str> = names.iter().map(|name| name.strip_prefix("images/").unwrap_or(name)).collect();
-    let fit: Vec<String> =
-        names.iter().enumerate().map(|(index, name)| shortened(&sanitized(name, index), room)).collect();
+    let fit: Vec<String> = names
+        .iter()
+        .enumerate()
+        .map(|(at, name)| shortened(&sanitized(name, at, names.len()), room))
+        .collect();
     let mut taken: HashSet<String> = HashSet::with_capacity(names.len());
     let mut found: Vec<Option<String>> = vec![None; names.len()];
     // Unchanged names are assigned first, so that no changed name can displace them.
@@ -105,7 +109,7 @@ fn suffixes(index: usize) -> impl Iterator<Item = String> {
 
 /// Makes the names of cameras unique, and keeps the first of equal names.
 ///
-/// The others get the same endings as in [`unique`]. An empty name becomes `camera` and its index.
+/// The others get the same endings as in [`unique`]. An empty name becomes [`unnamed`].
 pub fn distinct(names: &[String]) -> Vec<String> {
     let mut taken = HashSet::with_capacity(names.len());
     // Names that stay are taken first, so that no changed name equals one.
@@ -114,7 +118,7 @@ pub fn distinct(names: &[String]) -> Vec<String> {
         if stays[index] {
             return name.clone();
         }
-        let name = if name.is_empty() { format!("camera{index}") } else { name.clone() };
+        let name = if name.is_empty() { unnamed(index, names.len()) } else { name.clone() };
         let endings = std::iter::once(String::new()).chain(suffixes(index));
         let mut candidates = endings.map(|ending| format!("{name}{ending}"));
         candidates.find(|name| taken.insert(name.clone())).unwrap_or_default()
@@ -130,14 +134,14 @@ fn key(name: &str) -> String {
 /// Makes a name valid on all systems.
 ///
 /// Replaces characters that a system refuses, and a leading dot. Puts `_` before a name that Windows reserves for a
-/// device. An empty name becomes `camera` and its index.
-fn sanitized(name: &str, index: usize) -> String {
+/// device. An empty name becomes [`unnamed`].
+fn sanitized(name: &str, index: usize, count: usize) -> String {
     let is_refused = |c: char| {
         matches!(c, '/' | '\\' | '<' | '>' | ':' | '"' | '|' | '?' | '*' | '\n' | '\t') || is_harmful(c)
     };
     let mut name: String = name.chars().map(|c| if is_refused(c) { '_' } else { c }).collect();
     if name.is_empty() {
-        return format!("camera{index}");
+        return unnamed(index, count);
     }
     if name.starts_with('.') {
         name.replace_range(..1, "_");
@@ -186,6 +190,8 @@ mod tests {
         assert_eq!(of(&["a-2", "a", "a"]), ["a-2", "a", "a-2-2"]);
         assert_eq!(of(&["a", "A", "a"]), ["a", "A-1", "a-2"]);
         assert_eq!(of(&["", "camera0", "camera0"]), ["camera0-0", "camera0", "camera0-2"]);
+        let many = of(&[""; 11]);
+        assert_eq!((many[1].as_str(), many[10].as_str()), ("camera01", "camera10"), "they sort by index");
     }
 
     #[test]

@@ -130,6 +130,13 @@ fn a_camera_is_selected_by_name_or_number() {
     assert_eq!(found, [Some((2, 2)), None, None, None], "an index selects one camera");
     Camera::save(&[], &path).unwrap();
     assert!(matches!(select(""), Err(CameraError::Empty { .. })));
+    cameras.iter_mut().for_each(|camera| camera.img_name.clear());
+    Camera::save(&cameras, &path).unwrap();
+    for wanted in ["2", "camera2"] {
+        let found = select(&format!("#{wanted}")).unwrap().remove(0);
+        assert_eq!((found.id, found.img_name.as_str()), (2, "camera2"), "as its picture is called");
+    }
+    says(select("#camera3").unwrap_err(), "no camera `camera3`");
 }
 
 #[cfg(unix)]

@@ -84,9 +84,12 @@ fn a_path_of_nerfstudio_and_a_matrix_of_three_rows_show_the_known_point() {
     let path = |kind: &str, pose: &str| {
         let text = format!(
             "{{\"keyframes\": [{{\"matrix\": \"[1]\"}}], \"camera_type\": \"{kind}\", \"render_height\": 80, \"render_width\": 100, \
-             \"camera_path\": [{{\"camera_to_world\": {pose}, \"fov\": 53.13010235415598, \"aspect\": 1.25}}], \"fps\": 24}}"
+             \"camera_path\": [{{\"camera_to_world\": {pose}, \"fov\": 53.13010235415598, \"aspect\": 1.25}}], \"fps\": 24, \"is_cycle\": true}}"
         );
-        Camera::parse(&text, Path::new("camera_path.json"))
+        Dataset::parse(&text, Path::new("camera_path.json")).map(|dataset| {
+            assert_eq!(dataset.timing, Some(FrameTiming { fps: Some(24.0), is_cycle: true }));
+            dataset.into_cameras()
+        })
     };
     let rows = MATRIX.replace(", [0, 0, 0, 1]]", "]");
     let flat = format!("[{}]", MATRIX.replace(['[', ']'], ""));
