@@ -10,6 +10,8 @@
 //! little beside keys with large steps are limited, so that the camera does not spin: it overshoots by at most a sixth
 //! of a radian.
 //!
+//! Keys that are frames have equal knot intervals instead, which are the curve's length: equal frames are a hold.
+//!
 //! Between level keys, squad rolls the camera: by 11 degrees in the demo scene. If all keys are level, this roll is
 //! removed; see [`Segment::at`].
 
@@ -144,6 +146,9 @@ impl Segment {
     /// Computes the view at a parameter. If the keys are level, it is level, too, except near the poles.
     fn at(&self, u: f64) -> View {
         let Segment { from, to, inner, up, .. } = self;
+        if from == to {
+            return *from;
+        }
         let outer = slerp(from.rotation, to.rotation, u);
         let inner = slerp(inner[0], inner[1], u);
         let view = View {
@@ -170,22 +175,22 @@ pub(super) struct Curve {
 
 impl Curve {
     /// Makes a curve through views; a closed curve returns to the first. `radian` is that of [`View::distance`], `up`
-    /// the world's up direction, of length 1.
-    pub(super) fn new(views: &[View], closed: bool, radian: f64, up: DVec3) -> Curve {
+    /// the world's up direction, of length 1. If the views are `frames`, each segment has a length of 1.
+    pub(super) fn new(views: &[View], closed: bool, frames: bool, radian: f64, up: DVec3) -> Curve {
         let is_level = |(right, upward): (f64, f64)| right.abs() < LEVEL && upward > -LEVEL;
         let up = if views.iter().all(|view| is_level(view.tilt(up))) { up } else { DVec3::ZERO };
         let noise = NOISE * views.iter().map(|view| view.rounding(radian)).fold(0.0, f64::max);
-        // Consecutive equal keys share one knot.
+        // Consecutive equal keys share one knot, unless they are frames.
         let (mut knots, mut knot_of): (Vec<View>, Vec<usize>) = (Vec::new(), Vec::new());
         for view in views {
-            if knots.last().is_none_or(|last| last.distance(view, radian) > noise) {
+            if frames || knots.last().is_none_or(|last| last.distance(view, radian) > noise) {
                 knots.push(*view);
             }
             knot_of.push(knots.len() - 1);
         }
         let mut pairs: Vec<(View, View)> = knots.windows(2).map(|pair| (pair[0], pair[1])).collect();
         if let (true, [first, .., last]) = (closed, knots.as_slice())
-            && last.distance(first, radian) > noise
+            && (frames || last.distance(first, radian) > noise)
         {
             pairs.push((*last, *first));
         }
@@ -195,8 +200,10 @@ impl Curve {
             }
         }
         let distances: Vec<f64> = pairs.iter().map(|(from, to)| from.distance(to, radian)).collect();
+        let interval = |distance: &f64| if frames { 1.0 } else { distance.sqrt() };
+        let intervals: Vec<f64> = distances.iter().map(interval).collect();
         let slopes = |step: &dyn Fn(&(View, View)) -> DVec3, unit: f64| {
-            slopes(&pairs.iter().map(step).collect::<Vec<_>>(), &distances, closed, unit)
+            slopes(&pairs.iter().map(step).collect::<Vec<_>>(), &distances, &intervals, closed, unit)
         };
         let position = slopes(&|(from, to)| to.position - from.position, radian);
         let zoom = slopes(&|(from, to)| to.zoom - from.zoom, 1.0);
@@ -223,9 +230,13 @@ impl Curve {
         let tiny = (TINY * distances.iter().sum::<f64>()).max(noise);
         let mut lengths = vec![0.0];
         for at in 0..curve.segments.len() {
-            let segment = curve.segments[at];
-            let ends = [(0.0, segment.at(0.0)), (1.0, segment.at(1.0))];
-            curve.measure(at, ends, radian, tiny, 0);
+            if frames {
+                curve.table.push(((at + 1) as f64, (at + 1) as f64));
+            } else {
+                let segment = curve.segments[at];
+                let ends = [(0.0, segment.at(0.0)), (1.0, segment.at(1.0))];
+                curve.measure(at, ends, radian, tiny, 0);
+            }
             lengths.push(curve.length());
         }
         curve.keys = knot_of.iter().map(|knot| lengths[*knot]).collect();
@@ -271,14 +282,14 @@ impl Curve {
 
 /// Computes the slopes of a component at both ends of each segment, with respect to the segment's parameter.
 ///
-/// `steps` are the component's differences along the segments. `distances` are the nonzero distances between the keys.
-/// `unit` is the step of this component that counts as a distance of 1. At an end without a neighbour, a segment is
-/// straight.
-fn slopes(steps: &[DVec3], distances: &[f64], closed: bool, unit: f64) -> Vec<[DVec3; 2]> {
+/// `steps` are the component's differences along the segments. `distances` are the distances between the keys, and
+/// `intervals` those of the knots, which are not 0. `unit` is the step of this component that counts as a distance
+/// of 1. At an end without a neighbour, a segment is straight.
+fn slopes(steps: &[DVec3], distances: &[f64], intervals: &[f64], closed: bool, unit: f64) -> Vec<[DVec3; 2]> {
     let count = steps.len();
     let beside = |at: usize, other: Option<usize>| {
         let (Some(other), false) = (other, steps[at].length() <= STILL * unit) else { return steps[at] };
-        let (here, there) = (distances[at].sqrt(), distances[other].sqrt());
+        let (here, there) = (intervals[at], intervals[other]);
         let slope = here * (steps[at] / here * there + steps[other] / there * here) / (here + there);
         let (share, free) = STEEPEST;
         slope.clamp_length_max(share * steps[at].length() + free * unit * distances[at].min(1.0))

@@ -6,8 +6,9 @@
 //! a player.
 //!
 //! Keys are in the world's coordinates, and a path is saved as a `cameras.json` of its keys. Consecutive equal keys
-//! count as one. The path has the projection that all keys share; with several projections, its cameras are pinholes.
-//! Between opposite rotations, the path takes one of the two shortest ways, the same in every run.
+//! count as one. If the keys are the frames of a film, they keep their times instead, and equal ones are a hold
+//! ([`CameraPath::set_frames`]). The path has the projection that all keys share; with several projections, its cameras
+//! are pinholes. Between opposite rotations, the path takes one of the two shortest ways, the same in every run.
 
 mod curve;
 #[cfg(test)]
@@ -55,6 +56,8 @@ pub struct PathSettings {
 #[derive(Clone, Debug)]
 pub struct CameraPath {
     settings: PathSettings,
+    /// True if the keys are frames, at equal steps of time.
+    frames: bool,
     radian: f64,
     /// World's up direction, of length 1.
     up: DVec3,
@@ -71,6 +74,7 @@ impl CameraPath {
     pub fn new(radian: f64, up: [f64; 3]) -> CameraPath {
         let mut path = CameraPath {
             settings: PathSettings { keys: Arc::default(), closed: false, seconds: DEFAULT_SECONDS },
+            frames: false,
             radian: 1.0,
             up: DVec3::ZERO,
             projection: Projection::Pinhole,
@@ -153,6 +157,13 @@ impl CameraPath {
         self.update();
     }
 
+    /// Sets whether the keys are the frames of a film. The path then passes them at equal steps of time, instead of at
+    /// constant speed.
+    pub fn set_frames(&mut self, frames: bool) {
+        self.frames = frames;
+        self.update();
+    }
+
     /// Returns the duration, in seconds.
     pub fn seconds(&self) -> f64 {
         self.settings.seconds
@@ -198,8 +209,16 @@ impl CameraPath {
 
     /// Computes the camera of frame `frame` out of `count` frames at equal steps of time; `None` without keys.
     ///
-    /// `frame` counts from 0, and may be fractional. An open path begins at the first frame and ends at the last.
+    /// `frame` counts from 0, and may be fractional. An open path begins at the first frame and ends at the last. If
+    /// the keys are frames, and as many as `count`, a whole frame is its key in the picture size of the first, exactly.
     pub fn at_frame(&self, frame: f64, count: u32) -> Option<Camera> {
+        if let (true, [first, ..]) = (self.frames && self.keys().len() == count as usize, self.keys())
+            && frame >= 0.0
+            && frame.fract() == 0.0
+            && let Some(key) = self.keys().get(frame as usize)
+        {
+            return Some(key.resized(first.width, first.height));
+        }
         let steps = if self.is_closed() { count } else { count.saturating_sub(1) };
         self.at(self.seconds() * frame / f64::from(steps.max(1)))
     }
@@ -211,7 +230,7 @@ impl CameraPath {
     fn update(&mut self) {
         let views: Vec<View> = self.keys().iter().map(View::of).collect();
         self.projection = projection::shared(self.keys()).unwrap_or_default();
-        self.curve = Curve::new(&views, self.is_closed(), self.radian, self.up);
+        self.curve = Curve::new(&views, self.is_closed(), self.frames, self.radian, self.up);
     }
 }
 

@@ -313,6 +313,41 @@ fn frames_are_equal_steps_with_both_ends_of_an_open_path_and_one_of_a_closed_one
 }
 
 #[test]
+fn keys_that_are_frames_keep_their_times_and_equal_ones_are_a_hold() {
+    // At rest, then in motion, then at rest.
+    let places = [0.0, 0.0, 1.0, 4.0, 4.0, 4.0];
+    let frames: Vec<Camera> =
+        places.iter().map(|x| key([*x, 0.0, 0.0], [0.0, 0.1 * x, 0.0], 200.0)).collect();
+    for closed in [false, true] {
+        let mut path = path(frames.clone(), closed);
+        path.set_frames(true);
+        let at = |frame: f64| path.at_frame(frame, 6).unwrap();
+        let x = |frame: f64| at(frame).position[0];
+        for (index, camera) in frames.iter().enumerate() {
+            assert_eq!(at(index as f64), *camera, "frame {index}, exactly");
+            // Twice as many frames have them at even places.
+            let count = if closed { 12 } else { 11 };
+            let found = path.at_frame(2.0 * index as f64, count).unwrap();
+            assert!(distance(&found, camera) < 1e-9, "frame {index}: {found:?}");
+        }
+        for step in 0..=10 {
+            let part = 0.1 * f64::from(step);
+            assert_eq!((x(part), x(3.0 + part), x(4.0 + part)), (0.0, 4.0, 4.0), "holds, {part} later");
+            assert!((0.0..=1.0).contains(&x(1.0 + part)) && (1.0..=4.0).contains(&x(2.0 + part)));
+        }
+        assert!((x(2.0 + 1e-4) - x(2.0) - (x(2.0) - x(2.0 - 1e-4))).abs() < 1e-6, "no kink in motion");
+        assert_eq!(x(5.5) < 3.0, closed, "a closed path returns");
+        assert_eq!(x(-1.0), if closed { 4.0 } else { 0.0 });
+    }
+    let mut one = path(frames[..1].to_vec(), false);
+    one.set_frames(true);
+    assert_eq!(
+        (one.at_frame(0.0, 1), one.at_frame(3.3, 5)),
+        (Some(frames[0].clone()), Some(frames[0].clone()))
+    );
+}
+
+#[test]
 fn keys_are_edited_and_unusable_ones_refused() {
     let mut path = path(keys(), false);
     path.reorder(4, 0);
@@ -453,12 +488,13 @@ proptest! {
     #[test]
     fn whatever_the_keys_every_camera_is_sound_and_their_times_are_in_order(
         few in prop::collection::vec(wild_key(), 1..5), picks in prop::collection::vec(0..5usize, 0..6),
-        closed: bool, radian in prop_oneof![3 => 0.1..10.0f64, 1 => prop::sample::select(vec![0.0, -1.0, f64::NAN, 1e-300, 1e300])],
+        closed: bool, frames: bool, radian in prop_oneof![3 => 0.1..10.0f64, 1 => prop::sample::select(vec![0.0, -1.0, f64::NAN, 1e-300, 1e300])],
     ) {
         let keys: Vec<Camera> = few.iter().chain(picks.iter().map(|pick| &few[pick % few.len()])).cloned().collect();
         let mut path = CameraPath::new(radian, [0.0, -1.0, 0.0]);
         path.set_keys(keys.clone()).unwrap();
         path.set_closed(closed);
+        path.set_frames(frames);
         for step in 0..=60 {
             let camera = path.at(f64::from(step) / 6.0).unwrap();
             let numbers = [&camera.position[..], camera.rotation.as_flattened(), &[camera.fx, camera.fy]].concat();

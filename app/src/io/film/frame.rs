@@ -40,9 +40,27 @@ pub struct Rate {
 }
 
 impl Rate {
+    /// Returns the rate that is nearest to `fps`: a whole number, one of NTSC's, or a number of thousandths. `None` if
+    /// it is outside of the range.
+    pub fn nearest(fps: f64) -> Option<Rate> {
+        let ntsc = (1.001 * fps).round();
+        let text = match fps {
+            _ if (fps - fps.round()).abs() < 1e-3 => fps.round().to_string(),
+            _ if (fps - ntsc / 1.001).abs() < 5e-3 => format!("{}/1001", 1000.0 * ntsc),
+            _ => format!("{}/1000", (1000.0 * fps).round()),
+        };
+        text.parse().ok()
+    }
+
     /// Returns the rate in frames per second.
     pub fn per_second(self) -> f64 {
         f64::from(self.frames) / f64::from(self.seconds)
+    }
+}
+
+impl Default for Rate {
+    fn default() -> Rate {
+        Rate { frames: 30, seconds: 1 }
     }
 }
 
