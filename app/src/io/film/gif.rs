@@ -8,7 +8,10 @@ use std::io::Write;
 const MAX_GIF_SIDE: usize = 65_535;
 
 /// Sampling factor of NeuQuant, 1 to 30: larger is faster and less accurate.
-const SPEED: i32 = 10;
+const SPEED: i32 = 1;
+
+/// Width of the picture in which NeuQuant sees each colour once. Its height must have 16 bits.
+const SAMPLE_WIDTH: u16 = 512;
 
 /// Chooses a frame's 256 colours, and compresses the frame.
 pub(super) fn encode(image: &Image) -> Result<(gif::Frame<'static>, NotFinite), Cause> {
@@ -21,7 +24,24 @@ pub(super) fn encode(image: &Image) -> Result<(gif::Frame<'static>, NotFinite), 
     }
     let (width, height) = (image.width as u16, image.height as u16);
     let (bytes, not_finite) = image.bytes();
-    let mut frame = gif::Frame::from_rgb_speed(width, height, &bytes, SPEED);
+    let pixels = bytes.as_chunks::<3>().0;
+    let mut colours = pixels.to_vec();
+    colours.sort_unstable();
+    let most = colours.chunk_by(|a, b| a == b).max_by_key(|equal| equal.len());
+    let background = most.map_or([0; 3], |equal| equal[0]);
+    // If pixels counted instead of colours, the colours of small parts would be lost beside a large background.
+    colours.dedup();
+    let rows = colours.len().div_ceil(SAMPLE_WIDTH.into());
+    colours.resize(rows * usize::from(SAMPLE_WIDTH), colours.last().copied().unwrap_or_default());
+    let sample = gif::Frame::from_rgb_speed(SAMPLE_WIDTH, rows as u16, colours.as_flattened(), SPEED);
+    let index = |pixel: &[u8; 3]| colours.binary_search(pixel).map_or(0, |at| sample.buffer[at]);
+    let mut palette = sample.palette.clone().unwrap_or_default();
+    // The background must not change from frame to frame.
+    if let Some(entry) = palette.as_chunks_mut().0.get_mut(usize::from(index(&background))) {
+        *entry = background;
+    }
+    let indices: Vec<u8> = pixels.iter().map(index).collect();
+    let mut frame = gif::Frame::from_palette_pixels(width, height, indices, palette, None);
     frame.make_lzw_pre_encoded();
     Ok((frame, not_finite))
 }

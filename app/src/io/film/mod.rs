@@ -3,8 +3,8 @@
 //! [`Format::encode`] does the work that depends on one frame alone, on any thread. A [`Writer`] then takes the results
 //! in order. Values are clamped to 0..1, as in 8-bit pictures.
 //!
-//! - `.gif`: NeuQuant chooses 256 colours for each frame; nothing is dithered, because dithered pictures compress
-//!   badly;
+//! - `.gif`: NeuQuant chooses 256 colours for each frame, and the most frequent colour is exact; nothing is dithered,
+//!   because dithered pictures compress badly;
 //! - `.apng` and `.png` are animated PNGs, and keep all 8 bits of each channel;
 //! - `.y4m` is uncompressed video, for a pipe into an encoder;
 //! - `.mp4` is AV1, in programs that were built with the feature `av1`.
@@ -145,6 +145,34 @@ mod tests {
         // Four frames take 13.3 hundredths of a second.
         assert_eq!(delays, [3, 4, 3, 3]);
         assert_eq!(decoder.repeat(), ::gif::Repeat::Infinite);
+    }
+
+    #[test]
+    fn a_small_part_of_a_gif_keeps_its_colours_and_the_background_is_exact() {
+        let level = |value: usize| value as f32 / 255.0;
+        let image = Image::from_fn(160, 90, |x, y| match (x, y) {
+            (0..40, 0..40) => [level(6 * x), level(6 * y), level(3 * (x + y))],
+            (50..55, 0..5) => [level(200), level(x - 10), level(10 + y)],
+            _ => [0.2, 0.4, 0.6],
+        });
+        let mut bytes = Vec::new();
+        let rate = Rate::default();
+        let mut writer = Format::Gif.begin(&mut bytes, (160, 90), rate, 1).expect("a film");
+        writer.add(Format::Gif.encode(&image).expect("a frame").0).expect("written");
+        writer.finish().expect("an end");
+        let mut options = ::gif::DecodeOptions::new();
+        options.set_color_output(::gif::ColorOutput::RGBA);
+        let mut decoder = options.read_info(bytes.as_slice()).expect("a GIF");
+        let frame = decoder.read_next_frame().expect("a frame").expect("one");
+        let expected = image.bytes().0;
+        let error = |x: usize, y: usize| {
+            let pixels = frame.buffer[4 * (160 * y + x)..].iter().zip(&expected[3 * (160 * y + x)..]);
+            pixels.take(3).map(|(a, b)| a.abs_diff(*b)).max()
+        };
+        let part = (50..55).flat_map(|x| (0..5).map(move |y| (x, y)));
+        let worst = part.filter_map(|(x, y)| error(x, y)).max();
+        assert!(worst < Some(25), "{worst:?}");
+        assert_eq!(error(100, 80), Some(0));
     }
 
     #[test]
