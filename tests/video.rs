@@ -99,6 +99,76 @@ fn the_same_command_again_draws_what_is_missing_and_another_film_is_refused() {
 }
 
 #[test]
+fn the_cameras_of_a_path_file_are_the_frames_with_its_rate_and_its_holds() {
+    let place = Place::demo(5000);
+    // Moves, rests for a frame, and moves again, ever faster.
+    let poses = [0.0, 0.1, 0.1, 0.3, 0.6].map(|x| {
+        json!({"camera_to_world": [1, 0, 0, x, 0, -1, 0, -1, 0, 0, -1, -4, 0, 0, 0, 1], "fov": 50, "aspect": 1.5})
+    });
+    let path = json!({"render_width": 48, "render_height": 32, "fps": 25.0, "camera_path": poses});
+    place.write("camera_path.json", path.to_string());
+    let film = "video scene.ply -c camera_path.json -p splat -o";
+    let (out, told) = place.said(&format!("{film} film --write-cameras film.json"));
+    assert!(out.starts_with("film: 5 frames of 48 x 32, 0.2 s at 25 fps"), "{out}");
+    assert!(
+        told.contains("the 5 cameras are the frames of a film, 25 per second; --cameras-as keys"),
+        "{told}"
+    );
+    place.done("render scene.ply -c camera_path.json -p splat -o stills/");
+    for frame in 0..5 {
+        let film = place.bytes(&format!("film/{frame:05}.png"));
+        assert!(film == place.bytes(&format!("stills/camera{frame}.png")), "frame {frame}");
+    }
+    assert!(place.bytes("film/00001.png") == place.bytes("film/00002.png"), "a hold");
+    // With a duration, the frames are at even places among the cameras; blur is that of the motion.
+    let out = place.done(&format!("{film} slow --seconds 0.3 --fps 30 --write-cameras slow.json"));
+    assert!(out.starts_with("slow: 9 frames of 48 x 32, 0.3 s at 30 fps"), "{out}");
+    let x = |index: usize| place.json("slow.json")[index]["position"][0].as_f64().expect("a number");
+    assert_eq!([x(2), x(3), x(4)], [0.1; 3]);
+    assert!(x(5) > 0.12 && x(5) < 0.25 && (x(6) - 0.3).abs() < 1e-9, "{} {}", x(5), x(6));
+    let (_, told) = place.said(&format!("{film} blurred --samples 4 --write-cameras blurred.json"));
+    let note = "blurred.json: the cameras are those of the middle of each exposure";
+    assert!(told.contains(note), "{told}");
+    assert_eq!(place.text("blurred.json"), place.text("film.json"));
+    let out = place.done(&format!("{film} keys --cameras-as keys --seconds 0.2"));
+    assert!(out.starts_with("keys: 6 frames of 48 x 32, 0.2 s at 30 fps"), "{out}");
+    assert!(place.bytes("keys/00001.png") != place.bytes("film/00001.png"));
+    let out =
+        place.done("video scene.ply -c cameras.json --cameras-as frames --size 48x27 --fps 4 -o four.y4m");
+    assert!(out.starts_with("four.y4m: 4 frames of 48 x 27, 1.0 s at 4 fps"), "{out}");
+    place.edit("camera_path.json", "25.0", "0.0");
+    let rate = "expected cameras with 0.1 to 1000 frames per second, found 0; --fps chooses another rate";
+    place.refuses(film, &[("other", 2, rate)]);
+}
+
+#[test]
+fn shards_draw_the_frames_of_a_film_once_and_a_run_without_them_completes_it() {
+    let place = Place::demo(5000);
+    drawn(&place, "whole --samples=2");
+    let said = drawn(&place, "shared --samples=2 --shard=1/3");
+    assert!(said.starts_with("shared: shard 1/3, 1 of 4 frames of 48 x 27, 0.4 s"), "{said}");
+    assert!(!place.at("shared/00000.png").exists() && place.at("shared/00001.png").exists());
+    let said = drawn(&place, "shared --samples=2 --shard=0/3");
+    assert!(said.contains("shard 0/3, 2 of 4 frames") && said.contains("; 2 drawn in"), "{said}");
+    let again = drawn(&place, "shared --samples=2 --shard=0/3");
+    assert!(again.contains("(2 already there)") && again.contains("; 0 drawn in"), "{again}");
+    let faster = LINE.replace("--seconds=0.4 --fps=10", "--seconds=0.2 --fps=20");
+    let said = place.done(&format!("{faster} shared --samples=2"));
+    assert!(said.contains("(3 already there)") && said.contains("; 1 drawn in"), "{said}");
+    assert_eq!(place.json("shared/film.json")["fps"], "20", "the rate is not compared");
+    for index in 0..4 {
+        assert!(
+            place.bytes(&format!("shared/{index:05}.png")) == place.bytes(&format!("whole/{index:05}.png"))
+        );
+    }
+    let animated = LINE.replace("=splat", "=stale_order");
+    place.refuses(
+        &animated,
+        &[("one --shard=0/1", 2, "expected a graph that draws each view on its own with --shard")],
+    );
+}
+
+#[test]
 fn frames_that_depend_on_those_before_them_are_drawn_from_the_start_and_only_missing_ones_are_saved() {
     let place = Place::demo(5000);
     let line = LINE.replace("=splat", "=stale_order");
@@ -254,22 +324,58 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
     let text = String::from_utf8_lossy(&output.stderr);
     assert!(text.contains("2 scenes are in each picture; docs/video.md"), "{text}");
 
+    // A film that is refused leaves the cameras of the film in the folder.
+    let cameras = place.text("turn.json");
+    place.refuses(
+        "video scene.ply --orbit=4 --eye=0,-1,-4 --size=32x18 --write-cameras turn.json",
+        &[(
+            "-o turn",
+            1,
+            "film.json belongs to another film (frames is 5 there and 4 here): remove the folder",
+        )],
+    );
+    assert_eq!(place.text("turn.json"), cameras);
+    fs::remove_file(place.at("turn/film.json")).expect("removed");
+    (0..4).for_each(|frame| fs::remove_file(place.at(format!("turn/{frame:05}.png"))).expect("removed"));
+    let (_, told) = place.said("video scene.ply --orbit=4 --size=32x18 -o turn");
+    assert!(told.contains("turn: 00004.png is not of this run"), "{told}");
+
     let ffmpeg = "ffmpeg -colorspace bt709 -color_primaries bt709 -color_trc iec61966-2-1 -i -";
     let documents = [include_str!("../docs/video.md").to_owned(), place.done("video --help")];
     documents.iter().for_each(|text| assert!(text.contains(ffmpeg), "{text}"));
     let encoder = |film| format!("other formats need an encoder: `-o - | {ffmpeg} {film}`");
-    let no_encoder = format!("found .mp4; {}, or a program built with `--features av1`", encoder("film.mp4"));
+    let found = |extension: &str, then: &str| {
+        format!("found .{extension} (for a folder of that name, end it with a slash); {then}")
+    };
+    let no_encoder =
+        format!("{}, or a program built with `--features av1`", found("mp4", &encoder("film.mp4")));
     place.refuses(
         LINE,
         &[
             ("film.mp4", 2, &no_encoder),
             ("film.gif --format=png", 2, "--format is for the pictures of a folder"),
-            ("film.gif --shutter=0.5", 2, "--samples"),
+            ("film.gif --shutter=0.5", 2, "expected --samples of 2 or more with --shutter, found 1"),
+            ("film.gif --shard=0/2", 2, "--shard is for the pictures of a folder"),
+            (
+                "beauty.exr",
+                2,
+                "found .exr; for a picture per frame, name a folder: `-o beauty/ --format exr` writes",
+            ),
+            (
+                "pat/frame_%04d.png",
+                2,
+                "found a pattern of names; for a picture per frame, name a folder: `-o pat/` writes",
+            ),
+            (
+                "shot.####.exr",
+                2,
+                "found a pattern of names; for a picture per frame, name a folder: `-o frames/ --format",
+            ),
             ("rgba=film.apng", 2, "expected a film, found the output `rgba`"),
             ("film.gif --orbit=4", 2, "cannot be used with"),
             ("cameras.json/x.gif", 2, "which cannot be written: Not a directory"),
             ("my;film.mp4", 2, &encoder("'my;film.mp4'")),
-            ("scene.ply", 2, &format!("found .ply; {}", encoder("FILM"))),
+            ("scene.ply", 2, &found("ply", &encoder("FILM"))),
         ],
     );
     let one = "expected two cameras or more for a path, found 1";
@@ -279,6 +385,7 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
             ("--cameras=cameras.json#0", 2, one),
             ("--orbit=3 --closed", 2, "expected a path through --cameras with --closed"),
             ("--closed", 2, "expected a path through --cameras with --closed"),
+            ("--cameras-as=frames", 2, "expected a path through --cameras with --cameras-as, found a circle"),
             ("--fps=60", 2, "expected at most 50 frames per second in a .gif, found 60"),
             ("--fps=29.98", 2, "a whole number or a fraction, for instance 30 or 30000/1001"),
         ],

@@ -125,8 +125,8 @@ fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
             --inspect --show --as --compare --compare-set"
         }
         "video" => {
-            "-o -o --format --cameras --closed --orbit --seconds --fps --samples --shutter --size \
-            --write-cameras --set --device"
+            "-o -o --format --cameras --cameras-as --closed --orbit --seconds --fps --samples --shutter \
+            --size --write-cameras --set --device --shard"
         }
         "new" => "--from --force --force",
         "params" => "--set --json --size --device --scene",
@@ -168,6 +168,7 @@ fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
         "--splats" | "--pairs" => of("1 20,40", "20,20 0 , -1 4294967296 x"),
         "--range" => of("0,1 -5,8", "1,0 nan,1 , 0 -inf,inf"),
         "--shard" => of("0/1 1/3", "2/2 0/0 / x -1/2 0/18446744073709551616"),
+        "--cameras-as" => of("keys frames", "nope "),
         "--suite" => of("frames sort", "nope "),
         "--from" => of("splat compute post", "nope "),
         "--background" => of("0,0,0 -1,0,0", "1,2 nan,0,0 a,b,c ,, 1,2,3,4 --json"),

@@ -98,17 +98,26 @@ fn is_json(spec: &str) -> bool {
     spec.trim_start().starts_with(['[', '{']) && !Path::new(spec).exists()
 }
 
+/// Loads cameras as [`read`] does, without their photographs.
+///
+/// # Errors
+/// The errors of [`read`].
+pub fn parse(spec: &str, ignore_distortion: bool) -> Result<Vec<Camera>, CameraError> {
+    read(spec, ignore_distortion).map(Dataset::into_cameras)
+}
+
 /// Loads the cameras of `PATH`, `PATH#INDEX` or `PATH#NAME` in any format of [`Dataset`], or parses the text of a
 /// `cameras.json`. Prints which file moved the cameras of a dataset, and that an animation is not read.
 ///
 /// # Errors
 /// The file or the text is invalid, or has no cameras.
-pub fn parse(spec: &str, ignore_distortion: bool) -> Result<Vec<Camera>, CameraError> {
+pub fn read(spec: &str, ignore_distortion: bool) -> Result<Dataset, CameraError> {
     let options = CameraOptions { ignore_distortion, ..CameraOptions::default() };
     if is_json(spec) {
         let name = Path::new("--cameras");
-        let cameras = Dataset::parse_with(spec, name, options)?.into_cameras();
-        return if cameras.is_empty() { Err(CameraError::Empty { path: name.into() }) } else { Ok(cameras) };
+        let dataset = Dataset::parse_with(spec, name, options)?;
+        let is_empty = dataset.views.is_empty();
+        return if is_empty { Err(CameraError::Empty { path: name.into() }) } else { Ok(dataset) };
     }
     if spec.is_empty() {
         let source = io::Error::new(io::ErrorKind::InvalidInput, "expected a file, found an empty name");
@@ -119,7 +128,7 @@ pub fn parse(spec: &str, ignore_distortion: bool) -> Result<Vec<Camera>, CameraE
     if dataset.has_animation {
         say("the animation of the cameras is not read: each is drawn where its node is without it");
     }
-    Ok(dataset.into_cameras())
+    Ok(dataset)
 }
 
 /// Tells the user how a dataset was read: which file moved the cameras, and which of COLMAP's models are not read. Also

@@ -27,6 +27,7 @@ use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::source::Content;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;
+use std::fmt;
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -40,8 +41,14 @@ pub struct Shard {
 }
 
 impl Shard {
-    fn views(self, of: usize) -> Vec<usize> {
+    pub fn views(self, of: usize) -> Vec<usize> {
         (self.index..of).step_by(self.count).collect()
+    }
+}
+
+impl fmt::Display for Shard {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "shard {}/{}", self.index, self.count)
     }
 }
 
@@ -376,9 +383,7 @@ pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome>
     let views = shard.views(job.views().len());
     let Ran { done, kept, failed } = job.run(&views)?;
     say(format!(
-        "shard {}/{}: {} of {} views: {} done, {} already there, {} failed",
-        shard.index,
-        shard.count,
+        "{shard}: {} of {} views: {} done, {} already there, {} failed",
         views.len(),
         job.views().len(),
         done.len(),
