@@ -3,6 +3,7 @@
 //! A point in view space is (x, y, z): right, down and forward of the camera. All projections put the camera's axis at
 //! the principal point. The focal length scales the picture, and its unit depends on the projection.
 
+use crate::scene::SortKey;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
@@ -47,6 +48,15 @@ impl Projection {
     /// instead of depth.
     pub fn sees_behind(self) -> bool {
         matches!(self, Projection::Fisheye | Projection::Equirectangular)
+    }
+
+    /// Returns the quantity that splats are sorted by. `tag` is that of the scene, which pinholes follow.
+    pub fn sort_key(self, tag: SortKey) -> SortKey {
+        match self {
+            Projection::Pinhole => tag,
+            Projection::Orthographic => SortKey::Depth,
+            Projection::Fisheye | Projection::Equirectangular => SortKey::Distance,
+        }
     }
 }
 

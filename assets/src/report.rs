@@ -6,10 +6,13 @@
 use crate::bounds::{self, WorldBounds, decimals, median, quantile};
 use crate::camera::Camera;
 use crate::formats::LargeSteps;
-use crate::scene::{ALPHA_FLOOR, CoarsePositions, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene};
+use crate::scene::{
+    ALPHA_FLOOR, CoarsePositions, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene, SortKey,
+};
 use crate::scene_format::SceneFormat;
 use crate::size_breakdown::{grouped, rounded};
 use crate::words::CHUNK;
+use glam::DVec3;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt;
@@ -93,7 +96,8 @@ pub struct PlaceReport {
     pub steps: Option<LargeSteps>,
 }
 
-/// View depths of the splats beyond a camera's near plane ([`NEAR`]), whether inside the image or not.
+/// View depths of the splats beyond a camera's near plane ([`NEAR`]), whether inside the image or not. Distances from
+/// the camera, if splats are sorted by them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DepthReport {
     /// Name of the camera; its `id` if it has none.
@@ -179,15 +183,17 @@ impl Report {
 
 impl DepthReport {
     fn new(scene: &Scene, camera: &Camera) -> Self {
-        let forward = camera.axes()[2];
-        let mut depths: Vec<f32> = scene
-            .positions()
-            .par_iter()
-            .with_min_len(CHUNK)
-            .map(|p| (0..3).map(|i| forward[i] * (f64::from(p[i]) - camera.position[i])).sum::<f64>())
-            .filter(|z| *z > NEAR)
-            .map(|z| z as f32)
-            .collect();
+        let projection = camera.projection;
+        let key_of = projection.sort_key(scene.notes().key_of);
+        let depth = |p: &[f32; 3]| {
+            let view = DVec3::from(camera.to_view(p.map(f64::from)));
+            let key = if key_of == SortKey::Distance { view.length() } else { view.z };
+            // The near plane of a camera that sees behind itself is a sphere.
+            let from_near = if projection.sees_behind() { key } else { view.z };
+            (from_near > NEAR).then_some(key as f32)
+        };
+        let mut depths: Vec<f32> =
+            scene.positions().par_iter().with_min_len(CHUNK).filter_map(depth).collect();
         let range = (!depths.is_empty()).then(|| {
             let [near, robust_near, robust_far, far] =
                 [0.0, 0.01, 0.99, 1.0].map(|q| f64::from(quantile(&mut depths, q)));
@@ -313,6 +319,8 @@ impl fmt::Display for Report {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::projection::Projection;
+    use crate::scene::Splat;
     use crate::testing::splat;
 
     fn camera() -> Camera {
@@ -404,5 +412,21 @@ mod tests {
         let report = Report::new(&scene, &[camera()]);
         assert_eq!((report.depth[0].in_front, report.depth[0].range), (0, None));
         assert!(report.to_string().contains("no splat beyond the near plane, at 0.2 units"));
+    }
+
+    #[test]
+    fn depths_are_what_splats_are_sorted_by() {
+        // Splats at 5 units from the camera: before, beside and behind it.
+        let at = [[0.0, 3.0, 4.0], [5.0, 0.0, 0.0], [0.0, -3.0, -4.0]];
+        let found = |key_of: SortKey, projection: Projection| {
+            let scene = Scene::generate(3, 0, |i| Splat { position: at[i], ..splat(i) });
+            let scene = scene.with_notes(FileNotes { key_of, ..FileNotes::default() });
+            let depth = Report::new(&scene, &[Camera { projection, ..camera() }]).depth.remove(0);
+            (depth.in_front, depth.range.map(|range| (range.near, range.far)))
+        };
+        assert_eq!(found(SortKey::Depth, Projection::Pinhole), (1, Some((4.0, 4.0))));
+        assert_eq!(found(SortKey::Distance, Projection::Pinhole), (1, Some((5.0, 5.0))));
+        assert_eq!(found(SortKey::Distance, Projection::Orthographic), (1, Some((4.0, 4.0))));
+        assert_eq!(found(SortKey::Depth, Projection::Equirectangular), (3, Some((5.0, 5.0))));
     }
 }

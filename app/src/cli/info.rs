@@ -30,10 +30,11 @@ const EXAMPLES: &str = "Examples:
 /// Show the size breakdown of a scene file, its flaws, and the GPU memory that a graph needs for it
 ///
 /// The size breakdown accounts for every byte of the file: fields x bytes x splats. The report counts dropped and
-/// unusual splats. It shows the depth range that a sort key must resolve, for the cameras: by default, the first beside
-/// the scene, or one that frames it. It gives a width of depth keys that is sufficient to keep overlapping splats in
-/// order, and the change of the colours by each band of spherical harmonics, with splats weighted by opacity times area
-/// (see `advise --help`). It also reports whether the scene fits the device, and if not, the number of splats that fit.
+/// unusual splats. It shows the range that a sort key must resolve, of depths or of distances from the camera, for the
+/// cameras: by default, the first beside the scene, or one that frames it. It gives a width of depth keys that is
+/// sufficient to keep overlapping splats in order, and the change of the colours by each band of spherical harmonics,
+/// with splats weighted by opacity times area (see `advise --help`). It also reports whether the scene fits the device,
+/// and if not, the number of splats that fit.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -75,7 +76,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let size = args.drawing.size.unwrap_or(own_size);
     let key_bits = keys::of_scene(&scene.bounds());
     let worksheet = format!(
-        "{}: {}\n{report}{}  default key width     {key_bits} bits (`scene.key_bits`): with float_bits, every view is in the exact order\n{}{}{}",
+        "{}: {}\n{report}{}  default key width     {key_bits} bits (`scene.key_bits`), 32 for distances: with float_bits, every view is in the exact order\n{}{}{}",
         args.scene.display(),
         scene.size_breakdown(),
         keys_text(&needs, 0),

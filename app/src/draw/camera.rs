@@ -89,7 +89,7 @@ pub const ROUNDING: f64 = 8.0 / (1u64 << 24) as f64;
 /// Computes an upper bound on the distance from the camera to any point in the scene's box.
 ///
 /// It also bounds distances that a shader computes in f32.
-fn farthest(camera: &Camera, bounds: &Bounds) -> f64 {
+pub fn farthest(camera: &Camera, bounds: &Bounds) -> f64 {
     let corner =
         bounds.corners().into_iter().map(|corner| DVec3::from(corner).distance(camera.position.into()));
     corner.fold(NEAR, f64::max) * (1.0 + ROUNDING)

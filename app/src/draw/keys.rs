@@ -7,12 +7,12 @@
 //! [`of_scene`] computes the width that orders every view of a scene exactly, which graphs read as the fact
 //! `scene.key_bits`. [`needs`] finds the width for given cameras.
 
-use crate::draw::camera::{ROUNDING, depth_range};
+use crate::draw::camera::{ROUNDING, depth_range, farthest};
 use crate::draw::orbit;
 use rayon::prelude::*;
 use serde::Serialize;
 use splatgraph_assets::{Bounds, Camera, NEAR, Scene};
-use splatgraph_reference::{Rules, Visible, visible};
+use splatgraph_reference::{KeyOf, Rules, Visible, visible};
 use std::collections::HashMap;
 use std::ops::Range;
 
@@ -163,7 +163,7 @@ struct View {
     visible: Vec<Visible>,
     /// Number of tiles across and down.
     tiles: [u32; 2],
-    /// Depth range that the keys cover.
+    /// Range of the depths, or distances, that the keys cover.
     range: (f32, f32),
 }
 
@@ -172,10 +172,15 @@ impl View {
     ///
     /// [`of_scene`] covers fainter splats, too, because a graph's parameter `alpha_floor` can be below that floor.
     fn new(scene: &Scene, camera: &Camera) -> View {
-        let (mut visible, tiles) = visible(scene, camera, &Rules::of_view(scene, camera));
+        let rules = Rules::of_view(scene, camera);
+        let (mut visible, tiles) = visible(scene, camera, &rules);
         visible.retain(|splat| scene.can_show(splat.index as usize));
-        let [near, far] = depth_range(camera, &scene.bounds()).map(|z| z as f32);
-        View { visible, tiles, range: (near, far) }
+        let bounds = scene.bounds();
+        let [near, mut far] = depth_range(camera, &bounds);
+        if rules.key_of == KeyOf::Distance {
+            far = farthest(camera, &bounds).max(near);
+        }
+        View { visible, tiles, range: (near as f32, far as f32) }
     }
 }
 
@@ -372,6 +377,7 @@ impl Ties<'_> {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use splatgraph_assets::{FileNotes, Projection, SortKey, synth};
 
     /// Makes splats whose file order is the reverse of their depths, so that every tie is a wrong pair.
     fn reversed(depths: &[f64], tiles: impl Fn(usize) -> [u32; 4]) -> Vec<Visible> {
@@ -491,7 +497,7 @@ mod tests {
 
     #[test]
     fn the_cameras_around_a_scene_keep_their_distance() {
-        let scene = splatgraph_assets::synth::generate("uniform", 200, 0).unwrap();
+        let scene = synth::generate("uniform", 200, 0).unwrap();
         let cameras = around(&scene, &Camera::framing(&scene, 64, 48), 4);
         let center = scene.robust_bounds().center();
         let depth: Vec<f64> = cameras.iter().map(|camera| camera.to_view(center)[2]).collect();
@@ -510,6 +516,18 @@ mod tests {
         let narrow = bits(&visible, Mapping::Equalised, 0).unwrap();
         assert!((9..=11).contains(&narrow) && narrow + 2 < wide, "{narrow} of {wide}");
         assert_eq!(bits(&visible, Mapping::Linear, 0), None);
+    }
+
+    #[test]
+    fn keys_of_distances_cover_the_greatest_distance() {
+        let scene = synth::generate("uniform", 500, 0).expect("a small scene");
+        let scene = scene.with_notes(FileNotes { key_of: SortKey::Distance, ..FileNotes::default() });
+        let wide = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 120.0, (64, 48));
+        let around = wide.with_projection(Projection::Equirectangular, [0.0; 3]);
+        for camera in [wide, around] {
+            let found = needs(&scene, &[camera], 0);
+            assert!(found.iter().all(|need| need.bits.is_some_and(|bits| bits <= 26)), "{found:?}");
+        }
     }
 
     #[test]

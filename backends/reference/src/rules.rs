@@ -4,7 +4,7 @@
 //! 59f5f77). The table [`RULES`] lists names, published values and sources; [`Rules::set`] changes a rule by its name.
 
 use serde::Serialize;
-use splatgraph_assets::{Camera, Filter, Projection, Scene, SortKey};
+use splatgraph_assets::{Camera, Filter, Scene, SortKey};
 use std::str::FromStr;
 
 /// All rules in which renderers of a scene can differ. Lengths on the image are in pixels.
@@ -69,31 +69,16 @@ impl Rules {
 
     /// Returns the published rules, adapted to the scene's tags `low_pass` and `key_of`.
     pub fn of(scene: &Scene) -> Rules {
-        let mut rules = Rules::PUBLISHED;
         let notes = scene.notes();
-        rules.low_pass = match notes.low_pass {
-            Filter::Dilated => rules.low_pass,
-            Filter::Compensated => LowPass::Compensated(rules.low_pass.variance()),
-            Filter::Mip => LowPass::Compensated(0.1f32.into()),
-        };
-        rules.key_of = match notes.key_of {
-            SortKey::Depth => KeyOf::Depth,
-            SortKey::Distance => KeyOf::Distance,
-        };
-        rules
+        Rules { low_pass: notes.low_pass.into(), key_of: notes.key_of.into(), ..Rules::PUBLISHED }
     }
 
     /// Returns the published rules, adapted to the scene ([`Rules::of`]) and to the camera. Splats are sorted by
     /// distance if it [sees behind itself](splatgraph_assets::Projection::sees_behind), and by view depth if it is
     /// orthographic.
     pub fn of_view(scene: &Scene, camera: &Camera) -> Rules {
-        let rules = Rules::of(scene);
-        let key_of = match camera.projection {
-            Projection::Orthographic => KeyOf::Depth,
-            projection if projection.sees_behind() => KeyOf::Distance,
-            _ => rules.key_of,
-        };
-        Rules { key_of, ..rules }
+        let key_of = camera.projection.sort_key(scene.notes().key_of).into();
+        Rules { key_of, ..Rules::of(scene) }
     }
 
     /// Changes the rule of this name (see [`RULES`]). Numbers are rounded to f32, the rasteriser's type.
@@ -152,6 +137,16 @@ pub enum LowPass {
     /// Dilates as `Dilate` does, and multiplies the opacity by sqrt(det / det') to conserve the splat's energy. Source:
     /// Mip-Splatting, Yu et al., CVPR 2024, equation 9.
     Compensated(f64),
+}
+
+impl From<Filter> for LowPass {
+    fn from(filter: Filter) -> LowPass {
+        match filter {
+            Filter::Dilated => Rules::PUBLISHED.low_pass,
+            Filter::Compensated => LowPass::Compensated(Rules::PUBLISHED.low_pass.variance()),
+            Filter::Mip => LowPass::Compensated(0.1f32.into()),
+        }
+    }
 }
 
 impl FromStr for LowPass {
@@ -218,6 +213,15 @@ pub enum KeyOf {
     Depth,
     /// The distance from the camera.
     Distance,
+}
+
+impl From<SortKey> for KeyOf {
+    fn from(key: SortKey) -> KeyOf {
+        match key {
+            SortKey::Depth => KeyOf::Depth,
+            SortKey::Distance => KeyOf::Distance,
+        }
+    }
 }
 
 /// The precision of view depths.
