@@ -2,9 +2,10 @@
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use splatgraph_assets::{Camera, NEAR, Scene};
+use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::{Domain, Value};
 use splatgraph_framework::lower::Control;
+use splatgraph_reference::{Rules, project};
 
 /// A criterion by which the drawn splats are chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -14,7 +15,7 @@ pub enum Choice {
     FileOrder,
     /// The splats with the largest product of opacity and area in the world; the same for every camera.
     WorldSize,
-    /// The splats with the largest product of opacity and area on the screen.
+    /// The splats with the largest product of opacity and area on the screen, in the exact renderer's projection.
     ScreenSize,
     /// The nearest visible splats, cut after the sort: the graph's parameter `budget`.
     Nearest,
@@ -71,10 +72,13 @@ pub fn ranking(scene: &Scene, camera: &Camera, choice: Choice) -> Option<Vec<u32
     if choice == Choice::Nearest {
         return None;
     }
+    let rules = Rules::of_view(scene, camera);
     let weight = |index: usize| match choice {
         Choice::FileOrder | Choice::Nearest => 0.0,
         Choice::WorldSize => f64::from(scene.opacities()[index]) * world_area(scene, index),
-        Choice::ScreenSize => f64::from(scene.opacities()[index]) * screen_area(scene, camera, index),
+        // The area is divided by pi, like that in the world.
+        Choice::ScreenSize => project(scene, index as u32, camera, &rules)
+            .map_or(0.0, |splat| splat.opacity * splat.determinant.sqrt()),
     };
     let mut all: Vec<(f64, u32)> =
         (0..scene.count() as usize).into_par_iter().map(|index| (weight(index), index as u32)).collect();
@@ -88,26 +92,10 @@ pub fn world_area(scene: &Scene, index: usize) -> f64 {
     (a * b).max(b * c).max(a * c)
 }
 
-/// Computes a splat's area as if it faced the camera, divided by pi, in square pixels; 0 if it is not visible.
-fn screen_area(scene: &Scene, camera: &Camera, index: usize) -> f64 {
-    let [x, y, z] = camera.to_view(scene.positions()[index].map(f64::from));
-    if z <= NEAR {
-        return 0.0;
-    }
-    // At three deviations, a splat has 1 % of its opacity.
-    let reach = 3.0 * scene.scales()[index].map(f64::from).iter().fold(0.0, |a: f64, b| a.max(*b));
-    let [right, down] = [camera.principal_offset[0] / camera.fx, camera.principal_offset[1] / camera.fy];
-    let outside = |at: f64, focal: f64, side: u32| focal * (at.abs() - reach) > 0.5 * f64::from(side) * z;
-    if outside(x + right * z, camera.fx, camera.width) || outside(y + down * z, camera.fy, camera.height) {
-        return 0.0;
-    }
-    world_area(scene, index) * camera.fx * camera.fy / (z * z)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use splatgraph_assets::Splat;
+    use splatgraph_assets::{Projection, Splat};
 
     /// Returns splats on the axis of a camera, with their indices as coefficients; and the camera.
     fn scene() -> (Scene, Camera) {
@@ -135,6 +123,11 @@ mod tests {
         assert_eq!(order(Choice::WorldSize), Some(vec![2, 1, 0, 4, 3]));
         assert_eq!(order(Choice::ScreenSize), Some(vec![0, 4, 1, 3, 2]));
         assert_eq!(order(Choice::Nearest), None);
+        // An orthographic view shows near and far splats at one size, and a panorama those behind the camera.
+        let in_lens =
+            |projection| ranking(&scene, &camera.with_projection(projection, [2.0; 3]), Choice::ScreenSize);
+        assert_eq!(in_lens(Projection::Orthographic), Some(vec![1, 0, 4, 3, 2]));
+        assert_eq!(in_lens(Projection::Equirectangular), Some(vec![2, 0, 4, 1, 3]));
     }
 
     #[test]
