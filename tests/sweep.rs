@@ -3,7 +3,8 @@
 use crate::place::Place;
 use serde_json::{Value, json};
 use splatgraph_assets::synth;
-use splatgraph_assets::{FileNotes, Filter, Scene, Splat};
+use splatgraph_assets::{Camera, FileNotes, Filter, Projection, Scene, Splat};
+use splatgraph_reference::{Rules, render};
 
 const SHORT: &str = "sweep scene.ply --size 64x48 --steps 3 --rounds 1 --frames 1";
 
@@ -82,6 +83,25 @@ fn a_part_of_a_scene_is_drawn_by_the_rules_of_the_whole() {
     let steps = swept["steps"].as_array().expect("steps");
     let half = steps.iter().find(|step| step["choice"] == "file_order").expect("a step");
     assert!(half["error"]["psnr_db"].as_f64().is_none_or(|psnr| psnr > 60.0), "{half}");
+}
+
+#[test]
+fn the_fragments_of_the_approach_are_those_of_the_timed_pictures() {
+    let place = Place::empty();
+    let scene = place.scene("scene.ply", "uniform", 300, 0);
+    let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 90.0, (64, 32));
+    let camera = camera.with_projection(Projection::Equirectangular, [0.0; 3]);
+    Camera::save(std::slice::from_ref(&camera), place.at("around.json")).expect("written");
+    let line = "sweep scene.ply -p equirectangular -c around.json --steps 2 --rounds 1 --frames 1 -o out";
+    place.done(&format!("{line} --set alpha_floor=0.02 --set low_pass=none"));
+    let mut rules = Rules::of_view(&scene, &camera);
+    rules.set("alpha_floor", "0.02").expect("a rule");
+    rules.set("low_pass", "none").expect("a rule");
+    let exact = render(&scene, &camera, [0.0; 3], &rules, &|_, _| {});
+    assert_eq!(
+        place.json("out/sweep.json")["closer"][0]["fragments"],
+        exact.contributors.iter().sum::<u32>()
+    );
 }
 
 #[test]

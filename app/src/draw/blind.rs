@@ -4,6 +4,7 @@ use crate::draw::truth::Truth;
 use crate::io::losses::splats;
 use rayon::prelude::*;
 use splatgraph_assets::{Camera, Filter, Scene};
+use splatgraph_framework::ir::Param;
 use splatgraph_framework::plan::Plan;
 use splatgraph_reference::{KeyOf, LowPass, PictureMemoryError, Projected, Rules, project};
 use std::collections::HashMap;
@@ -51,19 +52,19 @@ const LARGEST_AREA: f64 = 0.02;
 /// A view: its camera, in the scene's coordinates, and the rules by which it was drawn.
 pub type View<'a> = (&'a Camera, Rules);
 
-/// Returns the rules of a view, with the plan's values of `low_pass` and `alpha_cap`.
-///
-/// These two parameters can leave out splats whose centres are in the picture. Any `low_pass` but `dilated` becomes
-/// [`LowPass::None`].
+/// Returns the rules of a view, with the plan's values of the parameters that are rules.
 pub fn rules_of(plan: Option<&Plan>, scene: &Scene, camera: &Camera) -> Rules {
     let mut rules = Rules::of_view(scene, camera);
-    for param in plan.iter().flat_map(|plan| &plan.params) {
-        let value = param.value.to_string();
-        match param.name.as_str() {
-            "low_pass" if value == Filter::Dilated.name() => rules.low_pass = Rules::PUBLISHED.low_pass,
-            // How much it fades splats does not matter.
-            "low_pass" => rules.low_pass = LowPass::None,
-            "alpha_cap" => rules.alpha_cap = value.parse().unwrap_or(rules.alpha_cap),
+    let Some(plan) = plan else { return rules };
+    // Graphs without this parameter never stop blending.
+    rules.stop = None;
+    for Param { name, value, .. } in &plan.params {
+        let value = value.to_string();
+        match name.as_str() {
+            "low_pass" => rules.low_pass = Filter::named(&value).map_or(LowPass::None, LowPass::from),
+            // A graph's own parameter of the name may have values that the rule does not.
+            "jacobian_limit" => rules.set("jacobian_clamp", &value).unwrap_or_default(),
+            "alpha_floor" | "alpha_cap" | "key_of" | "stop" => rules.set(name, &value).unwrap_or_default(),
             _ => {}
         }
     }

@@ -1,15 +1,17 @@
 //! Moves a camera closer to the scene, then makes the picture smaller, to vary splats and covered pixels independently.
 //!
-//! From closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. If the draw is
-//! fragment-bound, all of these times are on one line over covered pixels times overlap.
+//! From closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. An orthographic
+//! view, whose splats have one size at any distance, is enlarged instead of moved. If the draw is fragment-bound, all
+//! of these times are on one line over covered pixels times overlap.
 
+use crate::draw::blind;
 use crate::draw::interleaved::Effort;
 use crate::draw::session::Session;
 use crate::studies::measurement::time::{Time, time_alone};
 use crate::studies::study::{Steps, StudyError};
 use serde::{Deserialize, Serialize};
-use splatgraph_assets::{Camera, NEAR, Scene};
-use splatgraph_reference::{Rules, check_memory, render};
+use splatgraph_assets::{Camera, NEAR, Projection, Scene};
+use splatgraph_reference::{check_memory, render};
 
 /// The measurements of one step of the approach.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,8 +47,8 @@ pub const STEPS: [(f64, u32); 8] =
 
 /// Makes the cameras of [`STEPS`].
 ///
-/// Each is `first`, moved forward towards the median depth of the splats in its view, with the picture's width and
-/// height divided. Without splats in the view, the depth is 1.
+/// Each is `first`, moved forward towards the median depth of the splats in its view, or enlarged as much if it is
+/// orthographic, with the picture's width and height divided. Without splats in the view, the depth is 1.
 pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
     let tan = [f64::from(first.width) / first.fx, f64::from(first.height) / first.fy].map(|v| 0.5 * v);
     let [right, down] = [first.principal_offset[0] / first.fx, first.principal_offset[1] / first.fy];
@@ -60,9 +62,15 @@ pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
     let middle = depths.get(depths.len() / 2).copied().unwrap_or(1.0);
     let forward = first.axes()[2];
     let at = |(share, divisor): (f64, u32)| {
+        let (step, zoom) = match first.projection {
+            Projection::Orthographic => (0.0, 1.0 / share),
+            _ => ((1.0 - share) * middle, 1.0),
+        };
         let closer = Camera {
             img_name: format!("{} at {share}", first.img_name),
-            position: std::array::from_fn(|i| first.position[i] + (1.0 - share) * middle * forward[i]),
+            position: std::array::from_fn(|i| first.position[i] + step * forward[i]),
+            fx: zoom * first.fx,
+            fy: zoom * first.fy,
             ..first.clone()
         };
         closer.resized((first.width / divisor).max(1), (first.height / divisor).max(1))
@@ -70,23 +78,22 @@ pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
     STEPS.map(at).into()
 }
 
-/// Measures each camera of [`cameras`]. The exact renderer counts the fragments, with an early stop if `stops`.
+/// Measures each camera of [`cameras`]. The exact renderer counts the fragments, by the plan's rules.
 ///
 /// # Errors
 /// The session fails, an exact picture does not fit in memory, or the listener cancels.
 pub fn measure(
     session: &mut Session,
     cameras: &[Camera],
-    stops: bool,
     effort: Effort,
     progress: &mut Steps,
 ) -> Result<Vec<Closer>, StudyError> {
-    let rules = Rules { stop: Rules::PUBLISHED.stop.filter(|_| stops), ..Rules::of(session.scene()) };
     let mut found = Vec::new();
     for (camera, (distance, _)) in cameras.iter().zip(STEPS) {
         progress.next("moving the camera closer")?;
         let size = (camera.width, camera.height);
         session.prepare(size, &mut |_| {})?;
+        let rules = blind::rules_of(session.plan(), session.scene(), camera);
         check_memory(session.scene(), camera, &rules)?;
         let picture = render(session.scene(), camera, [0.0; 3], &rules, &|_, _| {});
         let fragments: u64 = picture.contributors.iter().map(|count| u64::from(*count)).sum();
@@ -150,6 +157,9 @@ mod tests {
         for (found, (share, _)) in distances.iter().zip(STEPS) {
             assert!((found - (1.0 - share) * whole).abs() < 1e-9 * whole, "{distances:?}");
         }
+        let parallel = first.with_projection(Projection::Orthographic, scene.robust_bounds().center());
+        let half = &cameras(&scene, &parallel)[1];
+        assert_eq!((half.position, half.fx, half.fy), (first.position, 2.0 * parallel.fx, 2.0 * parallel.fy));
     }
 
     #[test]

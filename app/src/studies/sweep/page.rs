@@ -317,7 +317,7 @@ impl SweepResult {
             page.plot(&plot, caption)?;
         }
         page.heading("The approach");
-        page.text("A camera moves towards the centre of the first view, then its picture shrinks. `fragments` is covered pixels times overlap.");
+        page.text("A camera moves towards the centre of the first view (an orthographic view is enlarged instead), then its picture shrinks. `fragments` is covered pixels times overlap.");
         if let Some(Fit { fixed_ms, ns_per_fragment, r_squared }) = self.fit {
             page.text(&format!(
                 "Blending = {fixed_ms:.3} ms + {ns_per_fragment:.3} ns x fragments explains {:.1} % of the variance.",

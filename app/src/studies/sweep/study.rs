@@ -55,8 +55,6 @@ pub struct Study {
     counts: Vec<u32>,
     /// The parameters that [`Choice::Nearest`] sets; `None` if the graph has no budget.
     nearest: Option<Vec<(String, String)>>,
-    /// True if the graph stops blending a pixel once it is opaque.
-    stops: bool,
 }
 
 impl Study {
@@ -78,11 +76,10 @@ impl Study {
             listener
                 .say(&format!("{pipeline}: no parameter `{BUDGET}`: the nearest splats are not measured"));
         }
-        let stops = controls.iter().any(|control| control.param.name == "stop");
         let counts = counts(subject.scene.count(), wanted.steps);
         whole.prepare((first.width, first.height), &mut |_| {})?;
         whole.settings_without_effect().iter().for_each(|line| listener.say(line));
-        Ok(Study { whole, counts, nearest, stops })
+        Ok(Study { whole, counts, nearest })
     }
 
     /// Returns the session that draws all splats.
@@ -193,7 +190,7 @@ impl Study {
         self.whole.prepare((first.width, first.height), &mut |_| {})?;
         let effort = wanted.frames.choose(&mut self.whole, first, FRAMES_DIVISOR)?;
         let mut progress = self.progress(subject, subject.cameras.len(), listener);
-        approach::measure(&mut self.whole, &closer, self.stops, effort, &mut progress)
+        approach::measure(&mut self.whole, &closer, effort, &mut progress)
     }
 
     /// Returns the sweep without measurements.
