@@ -19,7 +19,7 @@ pub struct Score {
     /// Peak signal-to-noise ratio in decibels; `None` if the pictures are equal. See [`metrics::Comparison`].
     #[serde(with = "decibels")]
     pub psnr_db: Option<f64>,
-    /// Structural similarity, 1 for equal pictures; `None` for pictures smaller than its window.
+    /// Structural similarity, 1 for equal pictures; `None` if the window fits around no pixel that counts.
     pub ssim: Option<f64>,
     /// Mean FLIP of the pictures in 8 bits, 0 for equal pictures.
     pub flip: f64,
@@ -59,8 +59,8 @@ pub struct Evaluation {
 ///
 /// A mask has a value per pixel of the photograph, and at least one is true.
 ///
-/// Elsewhere, the picture takes the photograph's pixels, so all errors come from the pixels that count, and are divided
-/// by their share: the squared error, 1 - SSIM (whose map has no border), and FLIP.
+/// Elsewhere, the picture takes the photograph's pixels, so that all errors come from the pixels that count. PSNR, SSIM
+/// (whose map has no border) and FLIP are means over the pixels that count.
 ///
 /// # Errors
 /// The sizes differ, or a value is not finite.
@@ -79,22 +79,17 @@ pub fn score(
         }
     });
     let picture = masked.as_ref().unwrap_or(picture);
-    let found = metrics::compare(picture.into(), photograph.into())?;
-    let (width, height) = (picture.width, picture.height);
-    let share = |border: usize| {
-        let inner = |side: usize| border..side.saturating_sub(border);
-        let pixels = || inner(height).flat_map(|y| inner(width).map(move |x| y * width + x));
-        mask.map_or(1.0, |mask| pixels().filter(|at| mask[*at]).count() as f64 / pixels().count() as f64)
-    };
-    let (all, of_map) = (share(0), share(metrics::SSIM_RADIUS));
+    metrics::comparable(picture.into(), photograph.into())?;
+    let counts = |at: usize| mask.is_none_or(|mask| mask[at]);
+    let share = |mask: &[bool]| mask.iter().filter(|counts| **counts).count() as f64 / mask.len() as f64;
     Ok(Score {
         view: view.to_owned(),
-        width,
-        height,
-        psnr_db: found.psnr_db.map(|db| db + 10.0 * all.log10()),
-        ssim: found.ssim.filter(|_| of_map > 0.0).map(|ssim| 1.0 - (1.0 - ssim) / of_map),
-        flip: Seen::of_8_bits(photograph.into()).flip(&Seen::of_8_bits(picture.into())) / all,
-        counted: mask.map(|_| all),
+        width: picture.width,
+        height: picture.height,
+        psnr_db: metrics::psnr_over(picture.into(), photograph.into(), &counts),
+        ssim: metrics::ssim(picture.into(), photograph.into(), mask),
+        flip: Seen::of_8_bits(photograph.into()).flip(&Seen::of_8_bits(picture.into()), mask),
+        counted: mask.map(share),
         is_grey: is_grey(photograph) && !is_grey(picture),
     })
 }
@@ -216,5 +211,14 @@ mod tests {
         let border: Vec<bool> = (0..144).map(|at| at < 9).collect();
         let of_border = score("a", &drawn, &photograph, Some(&border)).unwrap();
         assert_eq!(of_border.ssim, None, "no window has its centre there");
+    }
+
+    #[test]
+    fn scores_of_a_thin_mask_stay_within_their_ranges() {
+        let (drawn, photograph) = (grey(1.0), grey(0.0));
+        let dot: Vec<bool> = (0..144).map(|at| at == 6 * 12 + 6).collect();
+        let found = score("a", &drawn, &photograph, Some(&dot)).unwrap();
+        assert!(found.psnr_db == Some(0.0) && (0.1..1.0).contains(&found.flip), "{found:?}");
+        assert!(found.ssim.is_some_and(|ssim| (0.0..0.1).contains(&ssim)), "{found:?}");
     }
 }

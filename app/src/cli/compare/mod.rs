@@ -307,7 +307,7 @@ fn measure(pair: &Pair, args: &Args, notes: &mut Notes) -> Result<(Found, Option
         notes.lessened.1 += values().len();
     }
     let difference = args.diff.is_some().then(|| Image::difference(&a, &b, args.gain));
-    let flip = |seen: fn(ImageRef) -> Seen| seen((&b).into()).flip(&seen((&a).into()));
+    let flip = |seen: fn(ImageRef) -> Seen| seen((&b).into()).flip(&seen((&a).into()), None);
     let (flip, flip_8_bits) = (flip(Seen::of_floats), flip(Seen::of_8_bits));
     Ok((Found { all, peak, flip, flip_8_bits }, difference))
 }

@@ -47,7 +47,9 @@ pub struct Args {
     /// Folder of masks: pixels that are black in a photograph's mask are not scored
     ///
     /// A mask is a PNG or JPEG of the photograph's shape and name, with another extension or with .png appended, as for
-    /// COLMAP. Grey above one half counts. A view without a mask has no score.
+    /// COLMAP. Grey above one half counts. The scores are means over the pixels that count: of the squared error, and
+    /// of the maps of SSIM and FLIP, for which the picture takes the photograph's other pixels. A view without a mask
+    /// has no score.
     #[arg(long, value_name = "DIR")]
     pub masks: Option<PathBuf>,
     /// Compare at 1/N of the photographs' width and height

@@ -43,8 +43,8 @@ pub fn measure(picture: &Image, truth: &Image, covered: &[bool], seen: &Seen) ->
     let (((psnr_db, (worst, off)), (covered_psnr_db, (_, covered_off))), (flip, ssim)) = rayon::join(
         || rayon::join(|| of_pixels(&|_| true), || of_pixels(&|pixel| covered[pixel])),
         || {
-            let flip = || seen.flip(&Seen::of_8_bits(picture.into()));
-            rayon::join(flip, || metrics::ssim(picture.into(), truth.into()))
+            let flip = || seen.flip(&Seen::of_8_bits(picture.into()), None);
+            rayon::join(flip, || metrics::ssim(picture.into(), truth.into(), None))
         },
     );
     let covered = covered.iter().filter(|covered| **covered).count();

@@ -41,8 +41,8 @@ impl Seen {
 
     /// Computes the mean FLIP over the pixels: 0 for equal pictures, at most 1.
     ///
-    /// Panics if the sizes differ.
-    pub fn flip(&self, other: &Seen) -> f64 {
+    /// With a mask, which has a value per pixel, the mean is over the pixels that are true. Panics if the sizes differ.
+    pub fn flip(&self, other: &Seen, mask: Option<&[bool]>) -> f64 {
         let size = |seen: &Seen| (seen.width, seen.colour.len());
         assert_eq!(size(self), size(other), "pictures of one size");
         // No two colours are farther apart than green and blue.
@@ -53,9 +53,11 @@ impl Seen {
         };
         // Sums of rows are added in order, so that the result is deterministic.
         let rows = self.colour.len() / self.width.max(1);
-        let row = |y: usize| (y * self.width..(y + 1) * self.width).map(of).sum();
+        let counts = |at: &usize| mask.is_none_or(|mask| mask[*at]);
+        let row = |y: usize| (y * self.width..(y + 1) * self.width).filter(counts).map(of).sum();
         let sums: Vec<f64> = (0..rows).into_par_iter().map(row).collect();
-        sums.iter().sum::<f64>() / self.colour.len().max(1) as f64
+        let count = (0..self.colour.len()).filter(counts).count();
+        sums.iter().sum::<f64>() / count.max(1) as f64
     }
 
     /// Filters a picture in bands of `band` rows, in parallel; `linear` decodes a value.
@@ -278,11 +280,11 @@ mod tests {
     }
 
     fn of_floats(a: &Image, b: &Image) -> f64 {
-        Seen::of_floats(a.into()).flip(&Seen::of_floats(b.into()))
+        Seen::of_floats(a.into()).flip(&Seen::of_floats(b.into()), None)
     }
 
     fn of_8_bits(a: &Image, b: &Image) -> f64 {
-        Seen::of_8_bits(a.into()).flip(&Seen::of_8_bits(b.into()))
+        Seen::of_8_bits(a.into()).flip(&Seen::of_8_bits(b.into()), None)
     }
 
     /// Computes FLIP with NVIDIA's program.
@@ -317,7 +319,7 @@ mod tests {
         let (a, b) = (pattern(41, 70, 0), pattern(41, 70, 3));
         let of = |band: usize| {
             let seen = |image: &Image| Seen::in_bands(image.into(), band, srgb::decode);
-            seen(&a).flip(&seen(&b))
+            seen(&a).flip(&seen(&b), None)
         };
         assert!(of(70) > 0.05);
         for band in [1, 9, 32, 64, 100] {

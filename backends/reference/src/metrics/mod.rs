@@ -63,7 +63,7 @@ impl ImageRef<'_> {
 /// Number of rows of a band. Bands are measured in parallel, each in a few megabytes.
 const BAND: usize = 64;
 /// Radius of SSIM's window, in pixels: 11 x 11. Its map lacks a border of this width.
-pub const SSIM_RADIUS: usize = 5;
+const SSIM_RADIUS: usize = 5;
 /// Standard deviation of SSIM's window, in pixels.
 const SIGMA: f64 = 1.5;
 
@@ -140,7 +140,7 @@ pub fn compare(a: ImageRef, b: ImageRef) -> Result<Comparison, MetricError> {
     comparable(a, b)?;
     let worst = worst_pixel(a, b);
     let identical = worst.difference == 0.0;
-    Ok(Comparison { psnr_db: psnr_over(a, b, &|_| true), ssim: ssim(a, b), worst, identical })
+    Ok(Comparison { psnr_db: psnr_over(a, b, &|_| true), ssim: ssim(a, b, None), worst, identical })
 }
 
 /// Checks that two pictures have the same size, and finite values.
@@ -232,14 +232,18 @@ pub fn worst_pixel(a: ImageRef, b: ImageRef) -> WorstPixel {
 /// channels. scikit-image computes the same as `structural_similarity(a, b, gaussian_weights=True, sigma=1.5,
 /// use_sample_covariance=False, data_range=1, channel_axis=2)`.
 ///
-/// Returns `None` for pictures with fewer than 11 columns or rows. Panics if the sizes differ.
-pub fn ssim(a: ImageRef, b: ImageRef) -> Option<f64> {
+/// With a mask, which has a value per pixel, the mean is over the map's pixels that are true.
+///
+/// Returns `None` without such pixels: for pictures with fewer than 11 columns or rows, for instance. Panics if the
+/// sizes differ.
+pub fn ssim(a: ImageRef, b: ImageRef, mask: Option<&[bool]>) -> Option<f64> {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
     let width = a.width;
     let (columns, rows) = (width.checked_sub(2 * SSIM_RADIUS)?, a.height.checked_sub(2 * SSIM_RADIUS)?);
-    if columns == 0 || rows == 0 {
-        return None;
-    }
+    // The mask of a row of the map.
+    let of_row = |y: usize| Some(&mask?[(y + SSIM_RADIUS) * width + SSIM_RADIUS..][..columns]);
+    let counted = |y: usize| of_row(y).map_or(columns, |row| row.iter().filter(|counts| **counts).count());
+    let count: usize = (0..rows).map(counted).sum();
     let window = gaussian_window();
     let of_band = |top: usize| -> Vec<f64> {
         let band = top..(top + BAND).min(rows);
@@ -250,14 +254,15 @@ pub fn ssim(a: ImageRef, b: ImageRef) -> Option<f64> {
         let (a, b) = (channels(a), channels(b));
         let mut moments = Default::default();
         let of = |y: usize| {
-            a.iter().zip(&b).map(|(a, b)| ssim_row([a, b], (y, width), &window, &mut moments)).sum()
+            let mask = of_row(top + y);
+            a.iter().zip(&b).map(|(a, b)| ssim_row([a, b], (y, width), mask, &window, &mut moments)).sum()
         };
         (0..band.len()).map(of).collect()
     };
     let tops: Vec<usize> = (0..rows).step_by(BAND).collect();
     // Sums are added in order, so that the result is deterministic.
     let sums: Vec<f64> = tops.into_par_iter().flat_map_iter(of_band).collect();
-    Some(sums.iter().sum::<f64>() / (3 * columns * rows) as f64)
+    (count > 0).then(|| sums.iter().sum::<f64>() / (3 * count) as f64)
 }
 
 fn gaussian_window() -> [f64; 2 * SSIM_RADIUS + 1] {
@@ -268,12 +273,14 @@ fn gaussian_window() -> [f64; 2 * SSIM_RADIUS + 1] {
     window
 }
 
-/// Sums one row of a channel's SSIM map; the windows begin at row `top` of pictures with `width` columns.
+/// Sums one row of a channel's SSIM map, where `mask` is true; the windows begin at row `top` of pictures with `width`
+/// columns.
 ///
 /// The window is separable: the five moments are summed by columns, into `moments`, then by rows.
 fn ssim_row(
     [a, b]: [&[f64]; 2],
     (top, width): (usize, usize),
+    mask: Option<&[bool]>,
     window: &[f64; 2 * SSIM_RADIUS + 1],
     moments: &mut [Vec<f64>; 5],
 ) -> f64 {
@@ -303,8 +310,9 @@ fn ssim_row(
         for lane in 0..LANES.min(columns - at) {
             let [a, b, aa, bb, ab] = means.map(|mean| mean[lane]);
             let (a_variance, b_variance, covariance) = (aa - a * a, bb - b * b, ab - a * b);
-            sum += ((2.0 * a * b + C1) * (2.0 * covariance + C2))
+            let value = ((2.0 * a * b + C1) * (2.0 * covariance + C2))
                 / ((a * a + b * b + C1) * (a_variance + b_variance + C2));
+            sum += if mask.is_none_or(|mask| mask[at + lane]) { value } else { 0.0 };
         }
     }
     sum
@@ -386,14 +394,14 @@ pub(crate) mod tests {
         // Variances are zero, so the value is (2 a b + C1) / (a^2 + b^2 + C1).
         let (a, b) = (0.25f64, 0.75f64);
         let expected = (2.0 * a * b + 1e-4) / (a * a + b * b + 1e-4);
-        let found = ssim((&grey(15, 11, a as f32)).into(), (&grey(15, 11, b as f32)).into()).unwrap();
+        let found = ssim((&grey(15, 11, a as f32)).into(), (&grey(15, 11, b as f32)).into(), None).unwrap();
         assert!((found - expected).abs() < 1e-12, "{found} and {expected}");
     }
 
     #[test]
     fn pictures_smaller_than_the_window_have_no_similarity() {
-        assert_eq!(ssim((&grey(10, 40, 0.5)).into(), (&grey(10, 40, 0.5)).into()), None);
-        assert!(ssim((&grey(11, 11, 0.5)).into(), (&grey(11, 11, 0.5)).into()).is_some());
+        assert_eq!(ssim((&grey(10, 40, 0.5)).into(), (&grey(10, 40, 0.5)).into(), None), None);
+        assert!(ssim((&grey(11, 11, 0.5)).into(), (&grey(11, 11, 0.5)).into(), None).is_some());
     }
 
     // Computed by scikit-image in float64, with the call in [`ssim`]'s documentation.
@@ -406,7 +414,7 @@ pub(crate) mod tests {
             let b = Image::from_fn(width, height, |x, y| {
                 std::array::from_fn(|c| 0.75 * a.at(x, y)[c] + 0.25 * noise.at(x, y)[c])
             });
-            let found = ssim((&a).into(), (&b).into()).unwrap();
+            let found = ssim((&a).into(), (&b).into(), None).unwrap();
             assert!((found - expected).abs() < 1e-9, "{width} x {height}: {found} and {expected}");
         }
     }
