@@ -9,7 +9,10 @@
 //!
 //! Over several views, the share is the mean of the views' shares. The views are measured one after the other, so their
 //! errors are independent and add in quadrature: each side of the mean's range is the root of the sum of the views'
-//! squared sides, divided by the number of views n. Each view's range may therefore be √n times as wide as the mean's.
+//! squared sides, divided by the number of views n. Each view's range may therefore be √n times as wide as the mean's,
+//! up to √8 times. If noise is one-sided, the median of few turns is biased, equally in all views. The bias does not
+//! add in quadrature, so the range of a mean over many views has less than 99 % confidence (docs/accuracy.md has
+//! numbers).
 //!
 //! `advise` and `trade` also measure the exact settings against themselves. Without noise, their share would be 1. Its
 //! distance from 1 is the **noise floor**, and their ranges are widened to at least `median * (1 ± floor)`.
@@ -29,6 +32,9 @@ pub const MIN_SAVING: f64 = 0.02;
 
 /// PSNRs that differ by less than this, in decibels, count as equal: half of the last digit in tables.
 const EQUAL_DB: f64 = 0.05;
+
+/// Maximum number of views by which a view's range may be wider. With more, the bias of few turns exceeds the range.
+const MOST_VIEWS: usize = 8;
 
 /// Width at which turns end: half of the width of the mean's range is at most `NARROW.0 + NARROW.1 * |share - 1|`.
 const NARROW: (f64, f64) = (0.01, 0.05);
@@ -131,7 +137,9 @@ pub fn enough(turns: &[f64], views: usize) -> bool {
     let found = Share::of(turns);
     let narrow = |share: &Share| {
         let wanted = NARROW.0 + NARROW.1 * (share.median - 1.0).abs();
-        share.range.is_some_and(|(low, high)| 0.5 * (high - low) <= wanted * (views as f64).sqrt())
+        share
+            .range
+            .is_some_and(|(low, high)| 0.5 * (high - low) <= wanted * (views.min(MOST_VIEWS) as f64).sqrt())
     };
     found.as_ref().is_some_and(narrow)
 }
@@ -249,6 +257,8 @@ mod tests {
         let far: Vec<f64> = near.iter().map(|v| v + 2.0).collect();
         assert!(!enough(&near, 1) && enough(&far, 1) && enough(&[1.0; 8], 1) && !enough(&[1.0; 7], 100));
         assert!(!enough(&near, 2) && enough(&near, 3), "half of the range is 0.0175, and 0.0111 is wanted");
+        let wide: Vec<f64> = near.iter().map(|v| 1.0 + 2.0 * (v - 0.9775)).collect();
+        assert!(!enough(&wide, 100), "half of the range is 0.035, and 0.0283 is enough in many views");
     }
 
     #[test]
