@@ -1,10 +1,10 @@
 //! A stub shader compiler for tests: its shaders are lists of accesses.
 //!
 //! A shader's text has one line per block: `r Keys 4` (reads a storage buffer of 4-byte elements), `w`, `rw`, `rwa`
-//! (read and write by atomics), `uniform Camera 256`, `image r Color rgba16f`. Further lines are `push shift`,
-//! `out color`, `live stop` (names of live parameters), and `local 8 4 1` (workgroup size, by default 64 in x). Other
-//! lines declare nothing. Every word is a use of the define of that name. Lines that begin with `#if 0` count as code
-//! that is not compiled.
+//! (read and write by atomics), `n` (neither: asks for its length), `uniform Camera 256`, `image r Color rgba16f`.
+//! Further lines are `push shift`, `out color`, `live stop` (names of live parameters), and `local 8 4 1` (workgroup
+//! size, by default 64 in x). Other lines declare nothing. Every word is a use of the define of that name. Lines that
+//! begin with `#if 0` count as code that is not compiled.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -67,7 +67,7 @@ impl ShaderCompiler for ListCompiler {
                 });
             };
             match words[..] {
-                [how @ ("r" | "w" | "rw" | "rwa"), name, stride] => {
+                [how @ ("r" | "w" | "rw" | "rwa" | "n"), name, stride] => {
                     let stride = stride.parse().ok();
                     bind(name, how, ReflectedKind::StorageBuffer { stride, fixed_bytes: 0 }, number);
                 }
@@ -243,6 +243,8 @@ pub const SHADERS: &[(&str, &str)] = &[
     ("count.vert", "rwa Count 4"),
     ("count.frag", "rwa Count 4\nout color"),
     ("push.comp", "w Out 4\npush shift"),
+    ("length.comp", "n In 4\nw Out 4"),
+    ("size.comp", "image n Color rgba16f\nw Out 4"),
     ("quad.vert", "r In 4"),
     ("quad.frag", "out color"),
 ];

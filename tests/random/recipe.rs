@@ -134,6 +134,8 @@ impl When {
 pub struct PassWish {
     pub kind: Kind,
     pub reads: Vec<(Pick, Stage)>,
+    /// Resources whose length or size the shader asks for, without another access.
+    pub sizes: Vec<(Pick, Stage)>,
     /// Resources to write, each with true if the previous contents are read, too. The stage is used only by draws.
     pub writes: Vec<(Pick, bool, Stage)>,
     /// A buffer of arguments, and the index of the arguments in it; `None` for direct work.
@@ -280,6 +282,7 @@ fn pass() -> impl Strategy<Value = PassWish> {
         (
             Just(kind),
             vec((pick(), stage()), 0..=3),
+            prop_oneof![3 => Just(Vec::new()), 1 => vec((pick(), stage()), 1..=2)],
             vec((pick(), weighted(1, 3), stage()), least_writes..=most_writes),
             prop_oneof![2 => Just(None), 1 => (pick(), any::<u8>()).prop_map(Some)],
             when(),
@@ -287,9 +290,10 @@ fn pass() -> impl Strategy<Value = PassWish> {
             0u32..1000,
             any::<bool>(),
         )
-            .prop_map(|(kind, reads, writes, indirect, when, stands, salt, push)| PassWish {
+            .prop_map(|(kind, reads, sizes, writes, indirect, when, stands, salt, push)| PassWish {
                 kind,
                 reads,
+                sizes,
                 writes,
                 indirect,
                 when,

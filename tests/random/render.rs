@@ -333,8 +333,7 @@ impl Writer<'_> {
             bind = format!("\"In0\": \"idle{}\", ", self.idle - 1);
         } else {
             for (number, of) in pass.binds.iter().enumerate() {
-                let (reads, writes) = (true, false);
-                let bound = Bind { reads, writes, ..*of };
+                let bound = Bind { reads: of.reads || of.writes, writes: false, ..*of };
                 let slot =
                     Slot { number, bind: bound, block: format!("In{number}"), var: format!("in_{number}") };
                 text += &declaration(sketch, &slot);
@@ -404,7 +403,8 @@ fn declaration(sketch: &Sketch, slot: &Slot) -> String {
     let qualifier = match (bind.reads, bind.writes) {
         (true, true) => "",
         (true, false) => "readonly ",
-        (false, _) => "writeonly ",
+        (false, true) => "writeonly ",
+        (false, false) => "readonly writeonly ",
     };
     match bind.what.of {
         Target::Buffer(at) => {
@@ -431,6 +431,14 @@ fn load(sketch: &Sketch, slot: &Slot, at: &str) -> String {
             let load = format!("imageLoad({}, ivec2(({at}) % {width}u, ({at}) / {width}u))", slot.block);
             if sketch.images[image].color { format!("fold(uvec4({load}))") } else { format!("{load}.x") }
         }
+    }
+}
+
+/// Returns an expression of the length of a buffer, or of the width of an image.
+fn size(slot: &Slot) -> String {
+    match slot.bind.what.of {
+        Target::Buffer(_) => format!("uint({}.length())", slot.var),
+        Target::Image(_) => format!("uint(imageSize({}).x)", slot.block),
     }
 }
 
@@ -462,7 +470,9 @@ fn mix_reads(sketch: &Sketch, slots: &[&Slot], index: &str, all: bool) -> String
     let mut text = String::new();
     for slot in slots.iter().filter(|slot| !slot.bind.writes) {
         let count = elements(sketch, slot);
-        if all {
+        if !slot.bind.reads {
+            let _ = writeln!(text, "        h = mixed(h, {});", size(slot));
+        } else if all {
             let read = load(sketch, slot, "k");
             let _ = writeln!(
                 text,

@@ -241,13 +241,15 @@ impl Sketch {
             let same = |bind: &&Bind| bind.what == what || what.half == Half::Last && bind.what.of == what.of;
             binds.iter().filter(|bind| bind.writes).any(|bind| same(&bind))
         };
-        for (pick, stage) in wish.reads.iter().filter(|_| !fills) {
+        let reads = wish.reads.iter().map(|read| (read, true));
+        let sizes = wish.sizes.iter().map(|size| (size, false));
+        for ((pick, stage), reads) in reads.chain(sizes).filter(|_| !fills) {
             let what = self.resolve(*pick);
             let taken = drawn.contains(&what.of)
                 || is_written(&binds, what)
                 || binds.iter().any(|bind| bind.what == what);
             if !taken {
-                binds.push(Bind { what, reads: true, writes: false, stage: *stage });
+                binds.push(Bind { what, reads, writes: false, stage: *stage });
             }
         }
         let args: Vec<usize> =
@@ -336,7 +338,8 @@ impl Sketch {
     /// reads. Returns false if nothing was dropped.
     fn mend(&mut self, settings: Settings) -> bool {
         let runs = self.runs(settings);
-        let past = Past::of(self, &runs);
+        let writers = writers(self, &runs);
+        let writers = |real: Real| writers.get(&real).copied().unwrap_or(0);
         let mut written: BTreeSet<Real> = BTreeSet::new();
         let mut faults: BTreeSet<(usize, Fault)> = BTreeSet::new();
         for once in [true, false] {
@@ -345,12 +348,12 @@ impl Sketch {
                 let pass = &self.passes[*at];
                 let readable = |what: Ref, sole: bool| {
                     let real = real(what, fronts, &runs.fronts);
-                    let writers = past.writers.get(&real).copied().unwrap_or(0);
+                    let writers = writers(real);
                     let carried = self.history(what.of) && is_final(real, &runs.fronts);
                     match (what.half, once) {
                         // A resource without writers has no contents to read.
                         (Half::Last, _) if writers == 0 => false,
-                        (Half::Last, true) => !past.once.contains(&real),
+                        (Half::Last, true) => !written.contains(&real),
                         // The frame's writers come after readers of the previous frame's contents.
                         (Half::Last, false) => !framed.contains(&real),
                         (_, true) => written.contains(&real),
@@ -358,7 +361,14 @@ impl Sketch {
                         (_, false) => written.contains(&real) || carried && (writers > 1 || sole),
                     }
                 };
-                for (number, bind) in pass.binds.iter().enumerate().filter(|(_, bind)| bind.reads) {
+                // A size needs no contents, but keeps its place among the writers.
+                let sized = |bind: &Bind| {
+                    let real = real(bind.what, fronts, &runs.fronts);
+                    let writers = writers(real);
+                    !bind.writes && bind.what.half != Half::Last && (writers == 0 || !once && writers > 1)
+                };
+                let read = |bind: &Bind| bind.reads || !bind.writes && !sized(bind);
+                for (number, bind) in pass.binds.iter().enumerate().filter(|(_, bind)| read(bind)) {
                     if !readable(bind.what, bind.writes) {
                         faults.insert((*at, Fault::Read(number)));
                     }
@@ -397,10 +407,7 @@ impl Sketch {
             }
         }
         let stats = self.stats.len();
-        let carried = |real: Real| {
-            let several = past.writers.get(&real).is_some_and(|writers| *writers > 1);
-            self.history(real.0) && is_final(real, &runs.fronts) && several
-        };
+        let carried = |real: Real| self.history(real.0) && is_final(real, &runs.fronts) && writers(real) > 1;
         let kept = |(what, _): &(Ref, u32)| {
             let real = real(*what, &runs.fronts, &runs.fronts);
             written.contains(&real) || carried(real)
@@ -439,28 +446,15 @@ impl Sketch {
     }
 }
 
-/// Records the writers of each resource under one pair of settings.
-struct Past {
-    /// Resources that passes of the prologue write.
-    once: BTreeSet<Real>,
-    writers: BTreeMap<Real, usize>,
-}
-
-impl Past {
-    fn of(sketch: &Sketch, runs: &Runs) -> Past {
-        let mut past = Past { once: BTreeSet::new(), writers: BTreeMap::new() };
-        for (at, fronts) in &runs.passes {
-            let pass = &sketch.passes[*at];
-            for (what, _) in pass.uses().filter(|(_, writes)| *writes) {
-                let real = real(what, fronts, &runs.fronts);
-                *past.writers.entry(real).or_default() += 1;
-                if pass.once() {
-                    past.once.insert(real);
-                }
-            }
+/// Counts the writers of each resource under one pair of settings.
+fn writers(sketch: &Sketch, runs: &Runs) -> BTreeMap<Real, usize> {
+    let mut writers = BTreeMap::new();
+    for (at, fronts) in &runs.passes {
+        for (what, _) in sketch.passes[*at].uses().filter(|(_, writes)| *writes) {
+            *writers.entry(real(what, fronts, &runs.fronts)).or_default() += 1;
         }
-        past
     }
+    writers
 }
 
 fn real(what: Ref, fronts: &[usize], last: &[usize]) -> Real {

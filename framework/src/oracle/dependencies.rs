@@ -180,10 +180,15 @@ impl<'a> Check<'a> {
                 }
             }
             if access.writes() {
-                for image in &trace.resource(access.resource).alias_images {
-                    self.layouts[image.index()] = Layout::Undefined;
-                }
+                self.spoil_layouts(access.resource);
             }
+        }
+    }
+
+    /// Invalidates the layouts of images that alias a resource with new contents or a new layout.
+    fn spoil_layouts(&mut self, changed: ResourceId) {
+        for image in &self.trace.resource(changed).alias_images {
+            self.layouts[image.index()] = Layout::Undefined;
         }
     }
 
@@ -222,6 +227,7 @@ impl<'a> Check<'a> {
             self.found.push(Objection::NeedlessChange(*change));
         }
         self.layouts[image.index()] = new;
+        self.spoil_layouts(image);
         for cell in self.trace.resource(image).cells(0) {
             self.look_back(cell, now, image, None);
             self.cells[cell].push(Event::Change);

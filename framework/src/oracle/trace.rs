@@ -8,7 +8,8 @@ use std::ops::Range;
 
 use super::stages::{performed_by, stood_for_by};
 use crate::ir::{
-    Accesses, DrawCall, Groups, Layout, PassId, ResourceId, Run, Shape, Source, Stages, Use, Work,
+    Accesses, DrawCall, Groups, Layout, PassId, ReflectedBinding, ResourceId, Run, Shape, Source, Stages,
+    Use, Work,
 };
 use crate::plan::{Plan, Resource};
 
@@ -139,7 +140,7 @@ impl Trace {
                     matches!(plan.passes[extent.pass].work, Work::Dispatch { .. }),
                 ),
                 access: extent.access,
-                needs_contents: extent.needs_contents,
+                needs_contents: extent.needs_contents && !asks_size(plan, extent),
                 atomic: is_atomic(plan, extent),
                 cells: covered(&cells, &place.all, &extent.bytes),
                 stride: place.stride,
@@ -302,18 +303,29 @@ fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<ResourceCells>, Vec
 
 /// Returns true if the shader accesses the resource only by atomics, through every binding of it.
 fn is_atomic(plan: &Plan, extent: &Extent) -> bool {
+    blocks(plan, extent).is_some_and(|mut blocks| blocks.all(|block| block.atomics_only))
+}
+
+/// Returns true if the shader only asks for the size of an image, through every binding of it.
+fn asks_size(plan: &Plan, extent: &Extent) -> bool {
+    blocks(plan, extent).is_some_and(|mut blocks| blocks.all(|block| !block.reads && !block.writes))
+}
+
+/// Returns the shader's bindings of the accessed resource; `None` if no shader accesses it.
+fn blocks<'a>(plan: &'a Plan, extent: &Extent) -> Option<impl Iterator<Item = &'a ReflectedBinding>> {
     let pass = &plan.passes[extent.pass];
     let shader = match (&pass.work, extent.stage) {
         (Work::Dispatch { shader, .. }, Stages::COMPUTE) => shader,
         (Work::Draw { vertex, .. }, Stages::VERTEX) => vertex,
         (Work::Draw { fragment, .. }, Stages::FRAGMENT) => fragment,
-        _ => return false,
+        _ => return None,
     };
-    let Some(shader) = plan.shaders.get(shader.index()) else { return false };
-    let bound = |number: u32| {
-        pass.bindings.iter().any(|bound| bound.binding == number && bound.resource == extent.resource)
+    let shader = plan.shaders.get(shader.index())?;
+    let resource = extent.resource;
+    let bound = move |number: u32| {
+        pass.bindings.iter().any(|bound| bound.binding == number && bound.resource == resource)
     };
-    shader.reflection.bindings.iter().filter(|block| bound(block.binding)).all(|block| block.atomics_only)
+    Some(shader.reflection.bindings.iter().filter(move |block| bound(block.binding)))
 }
 
 /// Finds conflicting accesses of one pass: through different resources, or at different stages. Within one resource,

@@ -2,7 +2,7 @@
 //!
 //! `last(name)` becomes `name` itself: the order of the passes already puts its readers before this frame's writers.
 
-use crate::ir::{Accesses, DescriptorKind, ResourceId, ShaderId, Usage};
+use crate::ir::{Accesses, DescriptorKind, Pass, ResourceId, ShaderId, Usage};
 use crate::link::LinkedPass;
 use crate::lower::Lowered;
 use crate::plan::Plan;
@@ -22,6 +22,7 @@ pub(super) fn compact(lowered: Lowered, passes: &[&LinkedPass]) -> Plan {
     let resource = |id: &mut ResourceId| *id = ResourceId(resources[real(*id).index()]);
     for pass in &mut plan.passes {
         pass.visit(resource, |id| *id = ShaderId(shaders[id.index()]));
+        read_sizes(pass);
     }
     resource(&mut plan.output);
     plan.pictures.retain(|picture| used.0[real(picture.image).index()]);
@@ -31,6 +32,18 @@ pub(super) fn compact(lowered: Lowered, passes: &[&LinkedPass]) -> Plan {
     retain(&mut plan.resources, &used.0);
     retain(&mut plan.shaders, &used.1);
     plan
+}
+
+/// Counts a shader that only asks for the size of an image as a reader: it needs the image's layout, and validation
+/// layers treat it so. For culling it is no reader, because it needs no contents.
+fn read_sizes(pass: &mut Pass) {
+    let accessed: Vec<ResourceId> =
+        pass.uses.iter().filter(|touch| !touch.accesses.is_empty()).map(|touch| touch.resource).collect();
+    for touch in pass.uses.iter_mut().filter(|touch| touch.layout.is_some()) {
+        if !accessed.contains(&touch.resource) {
+            touch.accesses = Accesses::STORAGE_READ;
+        }
+    }
 }
 
 /// Assigns consecutive numbers to the used items; the numbers of unused ones are meaningless.

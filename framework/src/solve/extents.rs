@@ -22,7 +22,8 @@ pub(super) struct Group {
 }
 
 pub(super) struct Extents {
-    /// The accesses of each pass by resource, in the order of first appearance. Reads of uniform blocks are left out.
+    /// The accesses of each pass by resource, in the order of first appearance. Reads of uniform blocks are left out, as
+    /// are buffers of which a shader only asks for the length.
     pub passes: Vec<Vec<Group>>,
     pub resources: Vec<Range<usize>>,
     /// The bytes of each cell, from the start of its memory. All resources of a block start there.
@@ -79,7 +80,7 @@ impl Extents {
             let mut groups: Vec<Group> = Vec::new();
             for touch in &pass.uses {
                 // The host writes uniform blocks before the frame is submitted, which needs no barrier.
-                if touch.accesses == Accesses::UNIFORM_READ {
+                if touch.accesses == Accesses::UNIFORM_READ || touch.accesses.is_empty() {
                     continue;
                 }
                 let cells = bytes(pass, touch).iter().map(|b| cells_of(touch.resource, b)).collect();

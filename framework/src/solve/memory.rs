@@ -83,16 +83,23 @@ pub(super) fn place(
 /// Returns the lifetimes within the frame; `None` for resources that are not transient, outlive a frame or are unused.
 pub(super) fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -> Vec<Option<Life>> {
     let mut lives: Vec<Option<Life>> = vec![None; resources.len()];
+    let mut written = vec![false; resources.len()];
     let levels = levels(passes, frame, resources.len());
     for (position, id) in frame.iter().enumerate() {
         for touch in &passes[id.index()].uses {
             let writes = touch.accesses.writes();
+            written[touch.resource.index()] |= writes;
             let life = lives[touch.resource.index()].get_or_insert(Life {
                 first: position,
                 last: position,
                 ends_written: writes,
                 levels: (levels[position], levels[position]),
             });
+            // A shader that only asks for a buffer's length reads nothing that was written.
+            if touch.accesses.is_empty() {
+                life.last = position;
+                continue;
+            }
             // A pass may use a resource in several stages.
             life.ends_written = writes || life.last == position && life.ends_written;
             (life.last, life.levels.1) = (position, levels[position]);
@@ -100,8 +107,9 @@ pub(super) fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -
     }
     let once = passes.iter().filter(|p| p.run == Run::Once);
     once.flat_map(|p| &p.uses).for_each(|touch| lives[touch.resource.index()] = None);
-    for (life, resource) in lives.iter_mut().zip(resources) {
-        if resource.source != Source::Transient || resource.history.is_some() {
+    // Without a writer, shaders only ask for the size: aliases would wait for nothing, and images lose their layouts.
+    for ((life, resource), written) in lives.iter_mut().zip(resources).zip(written) {
+        if resource.source != Source::Transient || resource.history.is_some() || !written {
             *life = None;
         }
     }
@@ -113,13 +121,13 @@ fn levels(passes: &[Pass], frame: &[PassId], resources: usize) -> Vec<u32> {
     // Per resource, the lowest level at which it can be read, and the lowest at which it can be written.
     let mut ready = vec![(0, 0); resources];
     let level = |id: &PassId| {
-        let uses = &passes[id.index()].uses;
+        let uses = || passes[id.index()].uses.iter().filter(|touch| !touch.accesses.is_empty());
         let after = |touch: &Use| {
             let (read, written) = ready[touch.resource.index()];
             if touch.accesses.writes() { written } else { read }
         };
-        let level = uses.iter().map(after).max().unwrap_or(0);
-        for touch in uses {
+        let level = uses().map(after).max().unwrap_or(0);
+        for touch in uses() {
             let (read, written) = &mut ready[touch.resource.index()];
             if touch.accesses.writes() {
                 *read = level + 1;

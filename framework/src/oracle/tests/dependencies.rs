@@ -57,6 +57,32 @@ fn every_reader_since_the_last_write_has_a_dependency_and_the_write_has_none() {
 }
 
 #[test]
+fn a_use_without_an_access_stands_for_no_other() {
+    let sketch = || {
+        let mut s = Sketch::new();
+        let (x, y) = (s.buffer("x"), s.buffer("y"));
+        s.share(x, y);
+        s.frame("write", &[writes(x)]);
+        s.frame("length", &[touch(x, COMPUTE, NO_ACCESS)]);
+        s.frame("over", &[writes(y)]);
+        s
+    };
+    assert_eq!(found(sketch(), |_| {}), [""; 0]);
+    let text = found(sketch(), |plan| {
+        let after = plan.dependencies.iter_mut().find(|d| d.since == Since::Same).expect("on `write`");
+        (after.first, after.hazard) = (PassId(1), Hazard::WriteAfterRead);
+        after.masks.source_accesses = NO_ACCESS;
+    });
+    assert_eq!(
+        text,
+        [
+            "no dependency of `over` on `write` orders STORAGE_WRITE at COMPUTE after STORAGE_WRITE at COMPUTE of `y` (WriteAfterWrite)",
+            "needless: the whole of the dependency of `over` on `length` for `y` (WriteAfterRead)",
+        ]
+    );
+}
+
+#[test]
 fn a_missing_dependency_is_named_by_both_passes_and_accesses() {
     let text = found(shared(), |plan| {
         plan.dependencies.remove(1);

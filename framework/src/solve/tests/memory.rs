@@ -28,11 +28,12 @@ fn resources_that_are_never_alive_together_share_memory_and_the_next_alias_waits
 
 #[test]
 fn an_image_does_not_follow_an_alias_whose_last_write_is_not_read() {
-    // `b` is written and never read; the pass is needed for its other output.
+    // `b` is written and never read; the pass is needed for its other output. The length of `b` is not a read.
     let plan = packed(&[
         dispatch("make", "pair.comp", r#""Out": "a", "Out2": "b""#),
         dispatch("one", "copy.comp", r#""In": "a", "Out": "c""#),
-        dispatch("two", "copy.comp", r#""In": "c", "Out": "d""#),
+        dispatch("length", "length.comp", r#""In": "b", "Out": "e""#),
+        dispatch("two", "join.comp", r#""In": "c", "In2": "e", "Out": "d""#),
         dispatch("show", "show.comp", r#""In": "d", "Image": "image""#),
     ]);
     let image = plan.find_resource("image").unwrap();

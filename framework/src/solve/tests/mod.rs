@@ -6,6 +6,7 @@ mod memory;
 mod order;
 
 use crate::ir::{Layout, PassId, Work};
+use crate::oracle;
 use crate::plan::{Dependency, Plan, Since};
 use crate::solve::reorder;
 use crate::testing::{apart, dispatch, draw, error_of, frame, graph, plan};

@@ -29,6 +29,40 @@ fn several_writers_keep_the_order_of_the_file() {
 }
 
 #[test]
+fn a_shader_that_only_asks_for_a_length_waits_for_nothing_and_hides_no_write() {
+    let passes = [
+        dispatch("make", "pair.comp", r#""Out": "a", "Out2": "b""#),
+        dispatch("length", "length.comp", r#""In": "a", "Out": "c""#),
+        dispatch("again", "make.comp", r#""Out": "a""#),
+        dispatch("join", "join.comp", r#""In": "a", "In2": "b", "Out": "d""#),
+        dispatch("show", "join_show.comp", r#""In": "c", "In2": "d", "Image": "image""#),
+    ];
+    let plan = solved("", &passes);
+    assert_eq!(dependencies(&plan, "again"), ["WriteAfterWrite on a after make"]);
+    assert_eq!(dependencies(&plan, "length"), ["WriteAfterRead on c after show of the previous frame"]);
+    for plan in [plan, packed(&passes)] {
+        assert_eq!(oracle::dependencies(&plan), [], "{}", shown(&plan));
+    }
+}
+
+#[test]
+fn a_shader_that_only_asks_for_the_size_of_an_image_waits_for_its_layout_and_keeps_no_pass() {
+    let size = [
+        dispatch("size", "size.comp", r#""Color": "color", "Out": "c""#),
+        dispatch("copy", "copy.comp", r#""In": "c", "Out": "d""#),
+        dispatch("show", "show.comp", r#""In": "d", "Image": "image""#),
+    ];
+    let passes = [&[dispatch("paint", "paint.comp", r#""Color": "color""#)], &size[..]].concat();
+    for plan in [solved("", &size), packed(&size), solved("", &passes), packed(&passes)] {
+        assert_eq!(frame(&plan), ["size", "copy", "show", "export"]);
+        let changes = plan.layout_changes.iter();
+        let changed: Vec<&str> = changes.map(|change| plan.resource(change.image).name.as_str()).collect();
+        assert!(changed.contains(&"color"), "{}", shown(&plan));
+        assert_eq!(oracle::dependencies(&plan), [], "{}", shown(&plan));
+    }
+}
+
+#[test]
 fn a_pass_that_nothing_reads_from_is_left_out_with_what_feeds_only_it() {
     let plan = solved(
         "",
