@@ -168,7 +168,8 @@ fn needs(
             }
         }
     }
-    // The previous frame's contents are read before this frame overwrites them.
+    // The previous frame's contents are read before this frame overwrites them. A `Once` pass reads zeros, before any
+    // other pass of the prologue overwrites them.
     for (readers, declaration) in users.iter().zip(&lowered.declarations) {
         let Some(real) = declaration.previous_frame_of else { continue };
         if let (Some(reader), false) =
@@ -176,9 +177,11 @@ fn needs(
         {
             errors.push((reader.pass, never_written(reader.pass, real, &[], passes, lowered)));
         }
-        let writes = |u: &&User| u.accesses.writes() && passes[u.pass].pass.run == Run::Frame;
+        let run = |user: &User| passes[user.pass].pass.run;
         for reader in readers {
-            for writer in users[real.index()].iter().filter(writes).filter(|w| w.pass != reader.pass) {
+            let later = |u: &&User| run(u) == Run::Frame || run(reader) == Run::Once;
+            let writers = users[real.index()].iter().filter(|u| u.accesses.writes() && u.pass != reader.pass);
+            for writer in writers.filter(later) {
                 graph.add_edge(NodeIndex::new(reader.pass), NodeIndex::new(writer.pass), real);
             }
         }

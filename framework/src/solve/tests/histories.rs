@@ -178,6 +178,20 @@ fn a_pass_that_runs_once_and_writes_a_part_of_a_history_finds_zeros() {
 }
 
 #[test]
+fn a_pass_that_runs_once_reads_zeros_before_another_seeds_the_history() {
+    let passes = [
+        r#"Dispatch(name: "peek", run: Once, shader: "join.comp", size: Threads(64), bind: {"In": "last(past)", "In2": "b", "Out": "a"}),"#.into(),
+        r#"Dispatch(name: "seed", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "past"}),"#.into(),
+        r#"Dispatch(name: "make", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "b"}),"#.into(),
+        dispatch("step", "change.comp", r#""Out": "past""#),
+        dispatch("show", "join_show.comp", r#""In": "past", "In2": "a", "Image": "image""#),
+    ];
+    let plan = kept(&passes);
+    let prologue: Vec<&str> = plan.prologue.iter().map(|id| plan.pass(*id).name.as_str()).collect();
+    assert_eq!(prologue, ["start(past)", "make", "peek", "seed"], "{}", shown(&plan));
+}
+
+#[test]
 fn whether_contents_are_kept_may_depend_on_a_constant() {
     let passes = [
         dispatch("make", "make.comp", r#""Out": "past""#),
