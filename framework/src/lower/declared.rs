@@ -3,8 +3,9 @@
 //! An exposed parameter becomes a parameter of the includer, listed after the includer's own, and the included graph
 //! uses the includer's value. The parameter's expressions can name other parameters of the included graph. If such a
 //! parameter is exposed as well, the name means the includer's parameter; if it is in `set`, the name means the value
-//! there ([`Around`]); otherwise, the name is an error. All other names are resolved in the includer's scope. Includes
-//! that expose the same declaration share one parameter, and must agree on its default.
+//! there ([`Around`]); otherwise, the name is an error. So is the name of a `let`, or of a repeat's variable around an
+//! include, at the level of the expression. All other names are resolved in the includer's scope. Includes that expose
+//! the same declaration share one parameter, and must agree on its default.
 
 use indexmap::IndexMap;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -39,6 +40,8 @@ pub(super) struct Around {
     hidden: BTreeMap<String, Span>,
     /// Exposed parameters, with their places in `expose`; empty for `expose: All`.
     exposed: BTreeMap<String, Span>,
+    /// `let`s of the includer and variables of the repeats around the include: they have no values yet.
+    unset: BTreeSet<String>,
 }
 
 #[derive(Debug)]
@@ -72,6 +75,14 @@ impl Declared {
         &self.graph.params[&self.name]
     }
 
+    /// Lists the names of a level that have no values yet: see [`Around::unset`].
+    pub fn unset(&self, level: usize) -> Vec<&String> {
+        match level.checked_sub(1) {
+            None => self.graph.lets.keys().collect(),
+            Some(include) => self.around[include].unset.iter().collect(),
+        }
+    }
+
     /// Collects the names that the parameter's expressions and `setting` depend on, through the includes around it.
     /// `setting` is a preset's value that overrides the default.
     pub fn reach(&self, setting: Option<&Setting>) -> Reach {
@@ -95,13 +106,19 @@ impl Declared {
         }
         let mut reach = Reach::default();
         while let Some((level, name)) = open.pop() {
-            let known =
-                |around: &&Rc<Around>| around.set.contains_key(&name) || around.hidden.contains_key(&name);
-            let Some(at) = self.around[level..].iter().position(|around| known(&around)) else {
+            let is_unset = |at: usize| self.unset(at).contains(&&name);
+            let is_known = |at: usize| {
+                let around = self.around.get(at);
+                around.is_some_and(|a| a.set.contains_key(&name) || a.hidden.contains_key(&name))
+            };
+            let Some(at) = (level..=self.around.len()).find(|at| is_unset(*at) || is_known(*at)) else {
                 reach.names.insert(name);
                 continue;
             };
-            let at = level + at;
+            // The evaluation reports a name without a value.
+            if is_unset(at) {
+                continue;
+            }
             match self.around[at].set.get(&name) {
                 Some(given) => {
                     if reach.set.insert((at, name)) {
@@ -348,7 +365,8 @@ impl Collect<'_, '_> {
         }
         self.around.push(opened.file);
         let passes = opened.root.field("passes");
-        let result = self.passes(opened, &opened.graph.passes, &passes, &mut found);
+        let lets = opened.graph.lets.keys().cloned().collect();
+        let result = self.passes(opened, &opened.graph.passes, &passes, &lets, &mut found);
         self.around.pop();
         result?;
         let found = Rc::new(found);
@@ -361,15 +379,17 @@ impl Collect<'_, '_> {
         opened: &Opened,
         passes: &[PassDecl],
         at: &Place,
+        unset: &BTreeSet<String>,
         found: &mut Parameters,
     ) -> Result<(), Vec<Diagnostic>> {
         for (i, pass) in passes.iter().enumerate() {
             match pass {
-                PassDecl::Repeat { body, .. } => {
-                    self.passes(opened, body, &at.index(i).field("body"), found)?;
+                PassDecl::Repeat { var, body, .. } => {
+                    let unset = unset.iter().chain([var]).cloned().collect();
+                    self.passes(opened, body, &at.index(i).field("body"), &unset, found)?;
                 }
                 PassDecl::Include { expose: Expose::Only(names), .. } if names.is_empty() => {}
-                PassDecl::Include { .. } => self.include(opened, pass, &at.index(i), found)?,
+                PassDecl::Include { .. } => self.include(opened, pass, &at.index(i), unset, found)?,
                 _ => {}
             }
         }
@@ -381,6 +401,7 @@ impl Collect<'_, '_> {
         opened: &Opened,
         pass: &PassDecl,
         place: &Place,
+        unset: &BTreeSet<String>,
         found: &mut Parameters,
     ) -> Result<(), Vec<Diagnostic>> {
         let PassDecl::Include { graph, name, set, expose, .. } = pass else { return Ok(()) };
@@ -405,7 +426,7 @@ impl Collect<'_, '_> {
         let given = |name: &String| {
             Some(Setting { number: set.get(name)?.clone(), place: place.field("set").field(name) })
         };
-        let mut around = Around::default();
+        let mut around = Around { unset: unset.clone(), ..Around::default() };
         for hidden in inner.all.iter().filter(|inner| !is_exposed(&inner.name)) {
             let (name, kind) = (hidden.name.clone(), hidden.declaration().kind().clone());
             match given(&name) {

@@ -119,14 +119,15 @@ pub(super) fn resolve(
             }
             Err(mut diagnostic) => {
                 failed.insert(name);
-                let is_let = |name| [&root.graph, declared.graph()].iter().any(|g| g.lets.contains_key(name));
-                if name_unknown_in(&diagnostic.primary.text).is_some_and(is_let) {
+                let levels = || 0..=declared.around.len();
+                let is_unset = |name: &str| levels().any(|at| declared.unset(at).iter().any(|n| *n == name));
+                if name_unknown_in(&diagnostic.primary.text).is_some_and(is_unset) {
                     let other = match declared.around.is_empty() {
                         true => "",
                         false => ", or do not expose the parameter that needs it",
                     };
                     diagnostic.help = vec![format!(
-                        "parameters get their values before any `let`: use parameters and facts{other}"
+                        "parameters get their values before any `let` or `Repeat`: use parameters and facts{other}"
                     )];
                 }
                 errors.push(diagnostic);
@@ -228,6 +229,12 @@ fn around<'a>(
     for (level, around) in declared.around.iter().enumerate().rev() {
         let outside = &all[all.len() - 1];
         let mut inside = outside.clone();
+        // A `let` hides a parameter of the same name further out.
+        for name in declared.unset(level) {
+            if outside.contains(name) {
+                inside.to_mut().forget(name);
+            }
+        }
         for (_, name) in set.iter().filter(|(at, _)| *at == level) {
             let given = &around.set[name];
             let Setting { number, place: at } = &given.setting;

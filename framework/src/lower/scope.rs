@@ -94,11 +94,22 @@ impl Names {
         self.define(name, value, params);
     }
 
-    /// Defines a constant parameter in place of another value or a live parameter.
-    pub fn shadow(&mut self, name: &str, value: Value, params: ParamSet, domain: &Domain) {
+    /// Returns true if a name has a value or is a live parameter.
+    pub fn contains(&self, name: &str) -> bool {
+        self.values.contains_key(name) || self.live.contains(name)
+    }
+
+    /// Removes a value or a live parameter.
+    pub fn forget(&mut self, name: &str) {
+        self.values.remove(name);
         self.live.remove(name);
         self.params.remove(name);
         self.options.remove(name);
+    }
+
+    /// Defines a constant parameter in place of another value or a live parameter.
+    pub fn shadow(&mut self, name: &str, value: Value, params: ParamSet, domain: &Domain) {
+        self.forget(name);
         self.define_param(name, value, params, domain);
     }
 
@@ -117,7 +128,7 @@ impl Names {
     /// Refuses a name that is in use or not an identifier. `what` describes the named thing, and `taken` says that the
     /// name is in use.
     pub fn check_new(&self, name: &str, what: &str, taken: &str, span: Span) -> Result<(), Diagnostic> {
-        if self.values.contains_key(name) || self.live.contains(name) {
+        if self.contains(name) {
             return Err(Diagnostic::new(format!("`{name}` is declared twice"), span, taken));
         }
         check_identifier(name, what, span)
