@@ -209,6 +209,7 @@ const NOT_SHOWN: &[&str] = &[
     "shader/compile/log.rs: end of file",
     // The dump shows why a pass is culled, which is no mistake.
     "lower/conditions.rs: its condition",
+    "lower/conditions.rs: the count of its repeat",
     // Errors of files on disk; tested in source/tests/files.rs.
     "source/files.rs: the {} `{}` cannot be used",
     "source/files.rs: (looked for {})",

@@ -1,17 +1,37 @@
-//! Removes passes and includes whose `when` is false, and records the uses removed with them. Also resolves swaps.
+//! Removes passes and includes whose `when` is false, and the bodies of repeats whose count is 0. Records the uses
+//! removed with them. Also resolves swaps.
 
 use super::lowered::{RemovedPass, RemovedUse};
 use super::lowering::{Handle, Level, Lowering};
 use super::removed::Parts;
-use crate::ir::{Culled, ParamSet, Reason};
+use crate::ir::{Culled, ParamSet, Reason, Value};
 use crate::schema::{Expression, Number, Part, PassDecl, ResourceName, is_choice};
 use crate::source::{Diagnostic, Place};
 
-struct False<'a> {
+/// A condition that is false, or the count of a repeat that is 0.
+pub(super) struct False<'a> {
     condition: &'a Number,
     at: &'a Place,
+    /// `false` or `0`.
+    value: &'static str,
     reason: Option<Reason>,
     decided: ParamSet,
+}
+
+impl<'a> False<'a> {
+    pub fn new(
+        level: &Level,
+        condition: &'a Number,
+        at: &'a Place,
+        value: &'static str,
+        decided: ParamSet,
+    ) -> False<'a> {
+        let reason = match condition {
+            Number::Expression(expression) => level.names.traced(|| level.names.reason(expression)).0,
+            Number::Literal(_) => None,
+        };
+        False { condition, at, value, reason, decided }
+    }
 }
 
 impl Lowering<'_> {
@@ -31,12 +51,41 @@ impl Lowering<'_> {
         if holds? {
             return Ok(true);
         }
-        let reason = match condition {
-            Number::Expression(expression) => level.names.traced(|| level.names.reason(expression)).0,
-            Number::Literal(_) => None,
-        };
-        self.leave_out(level, pass, place, &False { condition, at, reason, decided });
+        let why = False::new(level, condition, at, "false", decided);
+        self.leave_out(level, pass, place, &why);
         Ok(false)
+    }
+
+    /// Lists the body of a repeat as culled. `why` is the count that is 0, of this repeat or of one around it.
+    pub(super) fn leave_out_body(
+        &mut self,
+        level: &mut Level,
+        (var, body): (&str, &[PassDecl]),
+        place: &Place,
+        why: &False,
+    ) {
+        let outer = level.names.values.insert(var.into(), Value::Int(0));
+        for (i, pass) in body.iter().enumerate() {
+            let at = place.field("body").index(i);
+            if !self.count(1, &at) {
+                break;
+            }
+            if let Some(when) = pass.when() {
+                self.errors.extend(level.names.check_number(when, &at.field("when")).err());
+            }
+            self.leave_out(level, pass, &at, why);
+            match pass {
+                PassDecl::Include { name, .. } => {
+                    level.absent.insert(name.clone(), Some(why.at.span()));
+                }
+                PassDecl::Repeat { var, body, .. } => self.leave_out_body(level, (var, body), &at, why),
+                _ => {}
+            }
+        }
+        match outer {
+            Some(outer) => level.names.values.insert(var.into(), outer),
+            None => level.names.values.remove(var),
+        };
     }
 
     pub(super) fn swap(&mut self, level: &Level, name: &str, at: &Place) -> Result<(), Diagnostic> {
@@ -67,8 +116,8 @@ impl Lowering<'_> {
         };
         for (user, at) in &users {
             for id in self.look_up_removed(level, user, at).unwrap_or_default() {
-                let (pass, when) = (name.clone(), why.at.span());
-                self.lowered.unwritten.push(RemovedUse { resource: id, pass, when });
+                let (pass, when, value) = (name.clone(), why.at.span(), why.value);
+                self.lowered.unwritten.push(RemovedUse { resource: id, pass, when, value });
             }
         }
         let chooses = shaders.iter().filter(|(shader, _)| is_choice(&shader.text));
@@ -84,7 +133,10 @@ impl Lowering<'_> {
         };
         let exposed = exposed.into_iter().flatten().filter_map(|name| level.names.params.get(name)).flatten();
         self.lowered.removed.push(RemovedPass {
-            condition: condition.clone(),
+            condition: match why.value {
+                "0" => format!("`{condition}` is above 0"),
+                _ => format!("`{condition}`"),
+            },
             when: why.at.span(),
             reason: why.reason.clone(),
             decided: why.decided.clone(),
@@ -94,7 +146,10 @@ impl Lowering<'_> {
             constants: level.constants.clone(),
         });
         let origin = self.files.origin(place.span());
-        let why = format!("its condition is false: {condition}");
+        let why = match why.value {
+            "0" => format!("the count of its repeat is 0: {condition}"),
+            _ => format!("its condition is false: {condition}"),
+        };
         self.lowered.plan.culled.push(Culled { pass: name, why, origin });
     }
 }

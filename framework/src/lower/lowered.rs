@@ -120,18 +120,20 @@ pub struct RemovedUse {
     pub resource: ResourceId,
     /// Name of the removed pass or include.
     pub pass: String,
-    /// Place of the false `when` of the pass or include.
+    /// Place of the false `when` of the pass or include, or of the count of the repeat around it.
     pub when: Span,
+    /// The value at that place: `false` or `0`.
+    pub value: &'static str,
 }
 
-/// A pass or an include that was removed because its `when` is false.
+/// A pass or an include that was removed because its `when` is false, or because its repeat has a count of 0.
 #[derive(Clone, Debug)]
 pub struct RemovedPass {
-    /// Text of the `when`, on one line.
+    /// Condition under which the pass would exist, on one line: `` `n > 0` `` or `` `n` is above 0``.
     pub condition: String,
-    /// Place of the condition in the file.
+    /// Place of the `when` or the count in the file.
     pub when: Span,
-    /// The reason why the condition is false; `None` if it uses no names.
+    /// The reason for the value of the `when` or the count; `None` if it uses no names.
     pub reason: Option<Reason>,
     /// Parameters that the condition depends on.
     pub decided: ParamSet,

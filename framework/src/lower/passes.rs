@@ -4,6 +4,7 @@ use indexmap::IndexMap;
 use std::collections::HashSet;
 use std::ops::Range;
 
+use super::conditions::False;
 use super::include::Written;
 use super::lowered::{LoweredBind, LoweredPass, LoweredPush, LoweredSize, ShaderName, Unswapped};
 use super::lowering::{Level, Lowering, MAX_PASSES};
@@ -398,8 +399,8 @@ impl Lowering<'_> {
         body: &[PassDecl],
         place: &Place,
     ) -> Result<(), Diagnostic> {
-        let count_place = place.field("count");
-        let count = level.names.deciding(|| level.names.natural(count, &count_place))?;
+        let (written, count_place) = (count, place.field("count"));
+        let count = level.names.deciding(|| level.names.natural(written, &count_place))?;
         let decided = level.names.take_notes().decided;
         self.lowered.shape.extend(&decided);
         if count > MAX_PASSES as u64 {
@@ -410,7 +411,8 @@ impl Lowering<'_> {
         let (what, taken) = ("the counter of a repeat", "the name is already in use");
         level.names.check_new(var, what, taken, place.field("var").span())?;
         if count == 0 {
-            self.check_removed_body(level, (var, body), count_place.span(), place);
+            let why = False::new(level, written, &count_place, "0", decided.clone());
+            self.leave_out_body(level, (var, body), place, &why);
         }
         let errors = self.errors.len();
         let suffix = level.suffix.clone();

@@ -6,7 +6,6 @@ use super::declared;
 use super::include::unknown_port;
 use super::lowering::{Level, Lowering};
 use super::params;
-use crate::ir::{Span, Value};
 use crate::schema::{Call, Expression, Number, PassDecl, Reference, Size, is_choice};
 use crate::source::{Diagnostic, Kind, Place};
 
@@ -86,15 +85,13 @@ impl Parts<'_> {
 }
 
 impl Lowering<'_> {
-    /// Reports unknown names in a removed pass or include, and lists its shaders in
+    /// Reports unknown names in a removed pass or include, but not in the body of a repeat, and lists its shaders in
     /// [`Lowered::removed_shaders`](super::lowered::Lowered::removed_shaders). Does not evaluate numbers: the condition
     /// that removes the pass may protect them.
     pub(super) fn check_removed(&mut self, level: &mut Level, pass: &PassDecl, place: &Place) {
         match pass {
-            PassDecl::Repeat { var, count, body } => {
-                let at = place.field("count");
-                self.errors.extend(level.names.check_number(count, &at).err());
-                self.check_removed_body(level, (var, body), at.span(), place);
+            PassDecl::Repeat { count, .. } => {
+                self.errors.extend(level.names.check_number(count, &place.field("count")).err());
             }
             PassDecl::Swap(name) => {
                 let swapped = Reference::from(name.clone());
@@ -121,35 +118,6 @@ impl Lowering<'_> {
                 }
             }
         }
-    }
-
-    /// Checks the body of a repeat that is removed or has no iterations; see [`Self::check_removed`]. `why` is the
-    /// place of its count.
-    pub(super) fn check_removed_body(
-        &mut self,
-        level: &mut Level,
-        (var, body): (&str, &[PassDecl]),
-        why: Span,
-        place: &Place,
-    ) {
-        let outer = level.names.values.insert(var.into(), Value::Int(0));
-        for (i, pass) in body.iter().enumerate() {
-            let at = place.field("body").index(i);
-            if !self.count(1, &at) {
-                break;
-            }
-            if let Some(when) = pass.when() {
-                self.errors.extend(level.names.check_number(when, &at.field("when")).err());
-            }
-            self.check_removed(level, pass, &at);
-            if let PassDecl::Include { name, .. } = pass {
-                level.absent.insert(name.clone(), Some(why));
-            }
-        }
-        match outer {
-            Some(outer) => level.names.values.insert(var.into(), outer),
-            None => level.names.values.remove(var),
-        };
     }
 
     fn check_removed_include(

@@ -103,7 +103,7 @@ fn unread_hint<'a>(mut passes: impl Iterator<Item = &'a LinkedPass>) -> Option<S
     Some(format!("it is used by `{}`{others}, and nothing reads what {those}", first.pass.name))
 }
 
-/// Returns the hint that a pass uses the parameter, but is left out by a false condition.
+/// Returns the hint that a pass uses the parameter, but is left out by a false condition or a count of 0.
 fn removed_hint(removed: &RemovedPass, params: &[Param], files: &SourceMap) -> String {
     let origin = files.origin(removed.when);
     let values = values(&removed.decided, params);
@@ -112,7 +112,7 @@ fn removed_hint(removed: &RemovedPass, params: &[Param], files: &SourceMap) -> S
         ("", Some(reason)) => format!(", and here {reason}"),
         (values, _) => format!(", and here {values}"),
     };
-    format!("it is used where `{}` ({}:{}){here}", removed.condition, origin.file, origin.line)
+    format!("it is used where {} ({}:{}){here}", removed.condition, origin.file, origin.line)
 }
 
 /// Returns the hint that an expression names the parameter but its evaluation did not read it. Adds the values that

@@ -13,7 +13,7 @@ use std::collections::{BinaryHeap, HashMap};
 
 use crate::ir::{Accesses, Culled, ResourceId, Run, Source, Work};
 use crate::link::LinkedPass;
-use crate::lower::{Lowered, LoweredPass};
+use crate::lower::{Lowered, LoweredPass, RemovedUse};
 use crate::source::Diagnostic;
 
 /// The order of the passes: `once` and `frame` are indices into the list of passes, in execution order.
@@ -270,7 +270,8 @@ fn never_written(
 fn with_removed(diagnostic: Diagnostic, resource: ResourceId, lowered: &Lowered) -> Diagnostic {
     let removed = lowered.unwritten.iter().filter(|removed| removed.resource == resource);
     removed.fold(diagnostic, |diagnostic, removed| {
-        let text = format!("`{}` uses it, but is left out because this is false", removed.pass);
+        let RemovedUse { pass, value, .. } = removed;
+        let text = format!("`{pass}` uses it, but is left out because this is {value}");
         diagnostic.with_label(removed.when, text)
     })
 }

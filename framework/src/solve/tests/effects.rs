@@ -251,6 +251,13 @@ fn the_reason_names_the_condition_under_which_a_parameter_would_be_used() {
         with(&pass.replace("\"wanted\"", "false")),
         format!("{NONE}; it is used where `false` (graph.ron:16)")
     );
+    let repeated = pass.replace("when: \"wanted\", ", "");
+    assert_eq!(
+        with(&format!(r#"Repeat(var: "i", count: "wanted ? 2 : 0", body: [{repeated}]),"#)),
+        format!(
+            "{NONE}; it is used where `wanted ? 2 : 0` is above 0 (graph.ron:16), and here q = false, r = few"
+        )
+    );
     let text = graph(&params, &[make().replace("64", "\"size\""), show()].join("\n"))
         .replace("resources:", r#"let: {"size": "r == 'many' && q ? 3 * p : 64"}, resources:"#);
     let why = format!("{NONE}; `size` (graph.ron:2) leaves it out, as r = few");

@@ -192,6 +192,19 @@ fn a_pass_that_runs_once_reads_zeros_before_another_seeds_the_history() {
 }
 
 #[test]
+fn a_history_is_shown_while_the_repeat_that_changes_it_has_no_iterations() {
+    let step = dispatch("step", "change.comp", r#""Out": "past""#);
+    let passes = [
+        format!(r#"Repeat(var: "i", count: 0, body: [Repeat(var: "j", count: 2, body: [{step}])]),"#),
+        dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
+    ];
+    let plan = kept(&passes);
+    assert_eq!(frame(&plan), ["show", "export"], "{}", shown(&plan));
+    let left: Vec<_> = plan.culled.iter().map(|left| (left.pass.as_str(), left.why.as_str())).collect();
+    assert_eq!(left, [("step", "the count of its repeat is 0: 0")]);
+}
+
+#[test]
 fn whether_contents_are_kept_may_depend_on_a_constant() {
     let passes = [
         dispatch("make", "make.comp", r#""Out": "past""#),
