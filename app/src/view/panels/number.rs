@@ -7,7 +7,7 @@ use super::controls::refuse;
 use super::theme::{self, ROW};
 use super::widgets::Control as _;
 use crate::io::report::text::decimals;
-use egui::{DragValue, Response, Slider, SliderClamping, Ui};
+use egui::{DragValue, Key, Response, Slider, SliderClamping, Ui};
 use std::cell::Cell;
 use std::ops::RangeInclusive;
 
@@ -131,6 +131,13 @@ impl<'a> NumberField<'a> {
             .custom_parser(parse)
             .custom_formatter(|value, _| self.scale.text(value));
         let response = add(ui, field);
+        // egui discards the text in the pass of Escape, but applies it in the next one.
+        let (id, pass) = (response.id.with("escape"), ui.ctx().cumulative_pass_nr());
+        if response.lost_focus() && ui.input(|input| input.key_pressed(Key::Escape)) {
+            ui.data_mut(|data| data.insert_temp(id, pass + 1));
+        } else if ui.data(|data| data.get_temp(id)) == Some(pass) {
+            return (response, None);
+        }
         let kind = if step >= 1.0 { "an integer" } else { "a number" };
         let text = |value: f64| self.scale.text(value);
         let changed = match typed.get() {
@@ -180,7 +187,7 @@ fn parse_number(text: &str) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::view::tests;
-    use egui::{Context, Key, Modifiers, RawInput};
+    use egui::{Context, Modifiers, RawInput};
 
     const FLOOR: Scale = Scale { min: 0.0, max: 0.02, step: 0.001 };
 
@@ -218,6 +225,16 @@ mod tests {
         let tabs: [&[Key]; 6] = [&[], &[Key::Tab], &[], &[Key::Tab], &[], &[Key::Tab]];
         for value in [1.0 / 255.0, 0.5] {
             assert_eq!(values(FLOOR, value, &tabs), [value; 6]);
+        }
+    }
+
+    #[test]
+    fn enter_takes_what_was_typed_and_escape_discards_it() {
+        let wide = Scale { min: 1.0, max: 1e6, step: 1.0 };
+        for (key, value) in [(Key::Enter, 12.0), (Key::Escape, 123.0)] {
+            let typed = [Key::End, Key::Backspace];
+            let keys: [&[Key]; 7] = [&[Key::Tab], &[Key::Tab], &[], &typed, &[key], &[], &[]];
+            assert_eq!(values(wide, 123.0, &keys).last(), Some(&value), "{key:?}");
         }
     }
 
