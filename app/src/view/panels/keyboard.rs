@@ -28,6 +28,12 @@ pub struct Keyboard {
 impl Keyboard {
     /// Reads the keys of this frame. While the list of keys is shown (`help`), keys that scroll belong to it.
     pub fn read(&mut self, ctx: &Context, help: bool) {
+        // egui clicks the focused control with every press, also if the system repeats a held key.
+        ctx.input_mut(|input| {
+            input.events.retain(|event| {
+                !matches!(event, Event::Key { key: Key::Enter | Key::Space, repeat: true, .. })
+            });
+        });
         let (types, taken) =
             (ctx.text_edit_focused(), ctx.egui_wants_keyboard_input() || Popup::is_any_open(ctx));
         self.pressed.clear();

@@ -99,6 +99,20 @@ fn a_button_that_its_own_click_disables_or_hides_keeps_the_keys() {
 }
 
 #[test]
+fn a_held_key_clicks_a_button_once() {
+    let mut script = window(&[Tool::Cameras]);
+    tab_to(&mut script, "save_view");
+    for (held, views) in [(Key::Enter, 1), (Key::Space, 2)] {
+        for pressed in [true, true, true, false] {
+            script.input = vec![key(held, pressed, Modifiers::NONE)];
+            script.frame(false);
+        }
+        assert_eq!(script.viewer().views.list().len(), views, "{held:?}");
+    }
+    script.close(&[]);
+}
+
+#[test]
 fn the_list_of_keys_uses_the_window_scrolls_by_keys_and_closes_with_escape() {
     let mut script = window(&[]);
     script.resize((900, 500));
