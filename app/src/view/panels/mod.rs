@@ -295,7 +295,6 @@ impl Panels {
         window: &History,
         window_failure: Option<&str>,
     ) -> PanelOutput {
-        let focused = ui.memory(|memory| memory.focused());
         self.time(ui.ctx(), viewer.a.history.frames(), viewer.a.renderer.in_flight() == 0);
         self.keys(ui.ctx(), viewer);
         if viewer.b.is_none() || viewer.compare == Mode::A {
@@ -325,7 +324,7 @@ impl Panels {
         if let Some(text) = self.controls.refused.take() {
             self.log_event(&Event::Problem { text });
         }
-        widgets::keep_focus(ui.ctx(), focused);
+        self.keyboard.keep_focus(ui.ctx());
         widgets::focus_ring(ui.ctx());
         self.report_copy(ui.ctx());
         self.observe(ui.ctx(), viewer);

@@ -267,11 +267,15 @@ impl State {
     /// Draws the path field and the buttons that write a file, and the progress of a file being written.
     fn files(&mut self, ui: &mut Ui, viewer: &mut Viewer, id: RendererId) {
         let writing = viewer.exporting();
-        if let Some(text) = &writing {
-            ui.horizontal(|ui| {
-                ui.spinner();
-                ui.add(egui::Label::new(text).truncate());
-            });
+        match &writing {
+            Some(text) => {
+                ui.horizontal(|ui| {
+                    ui.spinner();
+                    ui.add(egui::Label::new(text).truncate());
+                });
+            }
+            // The controls below keep their ids, and thus the keyboard focus.
+            None => ui.skip_ahead_auto_ids(1),
         }
         let scene = viewer.scene_path_of(id);
         // The name of another scene is not kept, unless the user wrote it.
@@ -286,9 +290,11 @@ impl State {
                 ui.disable();
             }
             let field = TextEdit::singleline(&mut self.path).desired_width(240.0);
-            ui.add(field)
+            let field = ui
+                .add(field)
                 .named("splats:path")
                 .hint("A new file; its extension is that of a scene format, or .json for a list of indices");
+            let enter = field.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
             let any = !viewer.marks(id).selected.is_empty();
             for (part, name, text, about, enabled) in [
                 (Part::Selected, "splats:save", "Save the selection", "Write the selected splats", any),
@@ -301,7 +307,8 @@ impl State {
                 ),
             ] {
                 let button = ui.add_enabled(enabled, Button::new(text)).named(name);
-                if button.hint(about).clicked() && viewer.export(id, part, Path::new(self.path.trim())) {
+                let saves = button.hint(about).clicked() || enter && any && part == Part::Selected;
+                if saves && viewer.export(id, part, Path::new(self.path.trim())) {
                     // The next file gets a new name.
                     self.path.clear();
                 }

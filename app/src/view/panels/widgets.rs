@@ -80,18 +80,6 @@ pub fn focus_ring(ctx: &Context) {
     painter.rect_stroke(response.rect.expand(1.0), 4.0, stroke, egui::StrokeKind::Outside);
 }
 
-/// Returns the keyboard focus to a control that was disabled in this frame, for example by its own click. Otherwise,
-/// the next key would reach the viewer. From a disabled control, Tab goes on to the next one. `before` had the focus
-/// when the frame began. Must be called after all controls.
-pub fn keep_focus(ctx: &Context, before: Option<egui::Id>) {
-    let now = ctx.memory(|memory| memory.focused());
-    let Some(id) = before.filter(|_| now.is_none()) else { return };
-    let leaves = ctx.input(|input| input.pointer.any_pressed() || input.key_pressed(egui::Key::Tab));
-    if !leaves && ctx.read_response(id).is_some_and(|control| !control.enabled()) {
-        ctx.memory_mut(|memory| memory.request_focus(id));
-    }
-}
-
 /// Scrolls to the control that has just got the keyboard focus, if it is in this scroll area. Must be called after the
 /// area's contents.
 pub fn follow_focus(ui: &mut Ui) {

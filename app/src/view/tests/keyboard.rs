@@ -99,6 +99,22 @@ fn a_button_that_its_own_click_disables_or_hides_keeps_the_keys() {
 }
 
 #[test]
+fn escape_in_a_control_gives_the_keys_back_and_only_the_next_one_clears_the_selection() {
+    let mut script = window(&[]);
+    for name in ["splats:path", "splats:clear", "scene"] {
+        script.viewer().select_all(RendererId::A);
+        script.frame(false);
+        tab_to(&mut script, name);
+        for cleared in [false, true] {
+            script.press(Key::Escape, Modifiers::NONE);
+            assert_eq!(focused(&script).map(|control| control.id), None, "{name}");
+            assert_eq!(script.viewer().marks(RendererId::A).selected.is_empty(), cleared, "{name}");
+        }
+    }
+    script.close(&[]);
+}
+
+#[test]
 fn a_held_key_clicks_a_button_once() {
     let mut script = window(&[Tool::Cameras]);
     tab_to(&mut script, "save_view");
@@ -109,6 +125,67 @@ fn a_held_key_clicks_a_button_once() {
         }
         assert_eq!(script.viewer().views.list().len(), views, "{held:?}");
     }
+    script.close(&[]);
+}
+
+#[test]
+fn after_enter_a_field_keeps_the_keys_if_tab_led_to_it() {
+    let mut script = window(&[Tool::Parameters]);
+    let field = "param:shade#";
+    let enter = |script: &mut Script, text: &str| {
+        script.input = vec![Text(text.to_owned())];
+        script.frame(false);
+        script.press(Key::Enter, Modifiers::NONE);
+        assert_eq!(script.viewer().a.renderer.set()["shade"], text);
+        focused(script).map(|control| control.rect)
+    };
+    tab_to(&mut script, field);
+    for text in ["0.25", "0.75"] {
+        assert_eq!(enter(&mut script, text), script.find(field), "{text}");
+    }
+    script.press(Key::Tab, Modifiers::NONE);
+    assert_eq!(focused(&script).map(|control| control.rect), script.find("reset:shade"));
+    click(&mut script, field);
+    assert_eq!(enter(&mut script, "0.125"), None, "the keys move the camera again");
+    script.close(&[]);
+}
+
+#[test]
+fn the_keys_of_a_removed_row_go_to_the_row_before_it() {
+    let mut script = window(&[Tool::Cameras]);
+    for _ in 0..3 {
+        script.viewer().record_key().expect("a sound camera");
+    }
+    script.frame(false);
+    tab_to(&mut script, "key:2");
+    // From "Earlier" to "Remove": the last keyframe cannot be later.
+    (0..2).for_each(|_| script.press(Key::Tab, Modifiers::NONE));
+    for left in [2, 1] {
+        script.press(Key::Enter, Modifiers::NONE);
+        script.frame(false);
+        assert_eq!(script.viewer().path.keys().len(), left);
+        let row = script.find(&format!("key:{}", left - 1)).expect("the row before");
+        let control = focused(&script).expect("a control").rect;
+        assert!((control.center().y - row.center().y).abs() < 4.0, "{control} beside {row}");
+    }
+    script.close(&[]);
+}
+
+#[test]
+fn enter_in_the_name_of_a_file_saves_the_selection() {
+    let mut script = window(&[]);
+    script.viewer().select_all(RendererId::A);
+    script.frame(false);
+    tab_to(&mut script, "splats:path");
+    let file = script.path("part.ply");
+    script.press(Key::A, Modifiers::CTRL | Modifiers::COMMAND);
+    script.input = vec![Text(file.display().to_string())];
+    script.frame(false);
+    script.press(Key::Enter, Modifiers::NONE);
+    script.until("the file", |script| script.has_event(|event| matches!(event, Event::Exported { .. })));
+    assert!(file.is_file());
+    (0..3).for_each(|_| drop(script.frame(false)));
+    assert_eq!(focused(&script).map(|control| control.rect), script.find("splats:path"));
     script.close(&[]);
 }
 
