@@ -4,7 +4,7 @@
 
 use super::controls::{Command, request};
 use super::theme::{HEADING, Palette, TEXT, strong};
-use super::widgets::Control as _;
+use super::widgets::{Control as _, follow_focus};
 use super::{failures, hud};
 use crate::view::events::RendererId;
 use crate::view::viewer::Viewer;
@@ -93,9 +93,10 @@ impl State {
                 scroll.show(ui, |ui| {
                     for text in &texts {
                         let text = failures::layout(text, columns, TEXT);
-                        ui.add(egui::Label::new(text).extend().selectable(true));
+                        ui.add(egui::Label::new(text).extend().selectable(true)).named("mistakes:text");
                         ui.add_space(6.0);
                     }
+                    follow_focus(ui);
                 });
             });
             shown.response.named("mistakes");

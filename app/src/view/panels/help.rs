@@ -1,8 +1,9 @@
 //! Lists keys and mouse controls in a separate window.
 
 use super::controls::see;
-use super::theme::{self, GRID, ROW};
-use egui::{Align2, Context, Key, RichText, Ui, Vec2, vec2};
+use super::keyboard::moved;
+use super::theme::{self, GRID};
+use egui::{Align2, Context, Key, RichText, Ui, vec2};
 
 /// A subject with its keys and their effects.
 type Subject = (&'static str, &'static [(&'static str, &'static str)]);
@@ -45,6 +46,7 @@ const KEYS: [Subject; 5] = [
             ("T", "dark or light theme"),
             ("Ctrl + =, Ctrl + -, Ctrl + 0", "larger texts, smaller texts, as at first"),
             ("Tab, Esc", "give the keys to a control, and back to the picture"),
+            ("Page keys, Home, End", "scroll the tool whose tab or control has the keys"),
             ("F12, Shift + F12", "save the window; the picture alone"),
             ("F11", "full screen"),
             ("F1, Esc", "show or hide this list; arrows and Page keys scroll it"),
@@ -107,19 +109,4 @@ fn column(ui: &mut Ui, name: &str, subjects: &[Subject]) {
             }
         }
     });
-}
-
-/// Returns by how much a key moves the list, in points. `page` is the height of its visible part.
-fn moved(key: Key, page: f32) -> Vec2 {
-    match key {
-        Key::ArrowDown => vec2(0.0, -2.0 * ROW),
-        Key::ArrowUp => vec2(0.0, 2.0 * ROW),
-        Key::ArrowRight => vec2(-2.0 * ROW, 0.0),
-        Key::ArrowLeft => vec2(2.0 * ROW, 0.0),
-        Key::PageDown => vec2(0.0, ROW - page),
-        Key::PageUp => vec2(0.0, page - ROW),
-        Key::Home => vec2(0.0, f32::from(u16::MAX)),
-        Key::End => vec2(0.0, -f32::from(u16::MAX)),
-        _ => Vec2::ZERO,
-    }
 }

@@ -50,6 +50,7 @@ pub fn show(
         }
         ui.separator();
         contents.show(ui, viewport, &plan, target);
+        widgets::follow_focus(ui);
     });
 }
 

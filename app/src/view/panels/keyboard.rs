@@ -1,7 +1,8 @@
 //! Decides which keys reach the viewer, and which belong to a control, a list or the list of keys. Keeps the keyboard
 //! focus when its control is disabled or removed.
 
-use egui::{Context, Event, Id, Key, Modifiers, Popup, WidgetRect};
+use super::theme::ROW;
+use egui::{Context, Event, Id, Key, Modifiers, Popup, Vec2, WidgetRect, vec2};
 
 /// A key press that reached the viewer.
 #[derive(Clone, Copy, Debug)]
@@ -148,6 +149,21 @@ fn control_before(ctx: &Context, gone: Id) -> Option<Id> {
 fn scrolls(key: Key) -> bool {
     use Key::{ArrowDown, ArrowLeft, ArrowRight, ArrowUp, End, Home, PageDown, PageUp};
     matches!(key, ArrowUp | ArrowDown | ArrowLeft | ArrowRight | PageUp | PageDown | Home | End)
+}
+
+/// Returns by how much a key scrolls, in points. `page` is the height of the visible part.
+pub fn moved(key: Key, page: f32) -> Vec2 {
+    match key {
+        Key::ArrowDown => vec2(0.0, -2.0 * ROW),
+        Key::ArrowUp => vec2(0.0, 2.0 * ROW),
+        Key::ArrowRight => vec2(-2.0 * ROW, 0.0),
+        Key::ArrowLeft => vec2(2.0 * ROW, 0.0),
+        Key::PageDown => vec2(0.0, ROW - page),
+        Key::PageUp => vec2(0.0, page - ROW),
+        Key::Home => vec2(0.0, f32::from(u16::MAX)),
+        Key::End => vec2(0.0, -f32::from(u16::MAX)),
+        _ => Vec2::ZERO,
+    }
 }
 
 /// Returns true if no modifier but Shift is held. Shortcuts of a single key require this, because other programs use

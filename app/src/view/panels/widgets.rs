@@ -1,9 +1,11 @@
 //! Draws small widgets that the panels share, such as rows, hints, numbers and sparklines.
 
 use super::controls::{Command, request, see};
+use super::keyboard::moved;
 use super::theme::{self, Palette, ROW, TEXT};
 use egui::{
-    Align, FontId, Layout, Painter, Pos2, Rect, RectAlign, Response, RichText, Stroke, Ui, Vec2, pos2,
+    Align, FontId, Key, Layout, Order, Painter, Pos2, Rect, RectAlign, Response, RichText, Stroke, Ui, Vec2,
+    pos2, vec2,
 };
 use egui::{ComboBox, Context, Popup, ScrollArea, Tooltip, WidgetText};
 use egui_plot::Plot;
@@ -17,6 +19,9 @@ const SIDES: [RectAlign; 6] = [
     RectAlign::TOP_START,
     RectAlign::TOP_END,
 ];
+
+/// Maximum height of a tool's tab and margin above its scroll area, in points.
+const TAB: f32 = 40.0;
 
 /// Additions to the response of a control.
 pub trait Control: Sized {
@@ -80,21 +85,33 @@ pub fn focus_ring(ctx: &Context) {
     painter.rect_stroke(response.rect.expand(1.0), 4.0, stroke, egui::StrokeKind::Outside);
 }
 
-/// Scrolls to the control that has just got the keyboard focus, if it is in this scroll area. Must be called after the
-/// area's contents.
+/// Scrolls to the control that has just got the keyboard focus, if it is in this scroll area. Page keys, Home and End
+/// scroll the area while the focus is in it, on the tab above it, or elsewhere in its card or window. Must be called
+/// after the area's contents.
 pub fn follow_focus(ui: &mut Ui) {
-    let (id, now) = (ui.scope_id().with("focus"), ui.ctx().memory(|memory| memory.focused()));
-    let former = ui.data(|data| data.get_temp::<Option<egui::Id>>(id)).flatten();
-    if now == former || !ui.is_visible() {
+    if !ui.is_visible() {
         return;
     }
+    let (id, now) = (ui.scope_id().with("focus"), ui.ctx().memory(|memory| memory.focused()));
+    let former = ui.data(|data| data.get_temp::<Option<egui::Id>>(id)).flatten();
     ui.data_mut(|data| data.insert_temp(id, now));
-    let Some(response) = now.and_then(|id| ui.ctx().read_response(id)) else { return };
+    let control = now.and_then(|id| ui.ctx().read_response(id));
+    let Some(control) = control.filter(|control| control.layer_id == ui.layer_id()) else { return };
+    let (area, centre) = (ui.clip_rect(), control.rect.center());
     // A control that is visible outside belongs to another area, even if it covers a hidden part of this one.
-    let elsewhere =
-        response.interact_rect.is_positive() && !ui.clip_rect().contains_rect(response.interact_rect);
-    if response.layer_id == ui.layer_id() && !elsewhere && ui.min_rect().contains(response.rect.center()) {
-        ui.scroll_to_rect(response.rect.expand(theme::GRID), None);
+    let elsewhere = control.interact_rect.is_positive() && !area.contains_rect(control.interact_rect);
+    let is_inside = !elsewhere && ui.min_rect().contains(centre);
+    if is_inside && now != former {
+        ui.scroll_to_rect(control.rect.expand(theme::GRID), None);
+    }
+    let tab = Rect::from_min_max(area.left_top() - vec2(0.0, TAB), area.right_top());
+    let is_near = ui.layer_id().order != Order::Background || tab.contains(centre);
+    if (is_inside || is_near) && !ui.ctx().text_edit_focused() {
+        for key in [Key::PageUp, Key::PageDown, Key::Home, Key::End] {
+            if ui.input(|input| input.key_pressed(key)) {
+                ui.scroll_with_delta(moved(key, area.height()));
+            }
+        }
     }
 }
 
@@ -163,7 +180,7 @@ pub fn list<T>(
         field
     });
     let field = field.inner;
-    let enters = field.has_focus() && ui.input(|input| input.key_pressed(egui::Key::ArrowDown));
+    let enters = field.has_focus() && ui.input(|input| input.key_pressed(Key::ArrowDown));
     // egui lays out an opening list once invisibly, at another position, when the field cannot get the focus.
     let is_visible = ui.is_visible();
     if is_visible {
@@ -175,7 +192,7 @@ pub fn list<T>(
     }
     let wanted = text.trim().to_lowercase();
     let searches = !wanted.is_empty();
-    let enter = searches && ui.input(|input| input.key_pressed(egui::Key::Enter));
+    let enter = searches && ui.input(|input| input.key_pressed(Key::Enter));
     let mut chosen = None;
     let found = ranked(items, |item| rank(item, &wanted));
     if found.is_empty() && searches {
@@ -326,7 +343,7 @@ pub fn diamond(painter: &Painter, at: Pos2, radius: f32, fill: egui::Color32, st
 }
 
 pub fn divider(ui: &mut Ui) {
-    let (rect, _) = ui.allocate_exact_size(egui::vec2(2.0 * theme::GRID, ROW), egui::Sense::hover());
+    let (rect, _) = ui.allocate_exact_size(vec2(2.0 * theme::GRID, ROW), egui::Sense::hover());
     let stroke = ui.visuals().widgets.noninteractive.bg_stroke;
     ui.painter().vline(rect.center().x, rect.y_range().shrink(theme::GRID), stroke);
 }

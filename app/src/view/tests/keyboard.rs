@@ -2,7 +2,7 @@
 
 use super::key;
 use super::panels::{click, focused, window};
-use super::script::Script;
+use super::script::{GRAPH, Script};
 use crate::view::events::{Event, RendererId};
 use crate::view::paint::Mode;
 use crate::view::panels::Tool;
@@ -187,6 +187,31 @@ fn enter_in_the_name_of_a_file_saves_the_selection() {
     (0..3).for_each(|_| drop(script.frame(false)));
     assert_eq!(focused(&script).map(|control| control.rect), script.find("splats:path"));
     script.close(&[]);
+}
+
+#[test]
+fn page_keys_scroll_the_tool_or_the_card_that_has_the_keys() {
+    let scrolls = |script: &mut Script, control: &str, text: &str| {
+        (0..3).for_each(|_| drop(script.frame(false)));
+        tab_to(script, control);
+        let (before, first) = (camera(script), script.find(text).expect("it is shown"));
+        for (key, moves) in
+            [(Key::PageDown, true), (Key::PageUp, false), (Key::End, true), (Key::Home, false)]
+        {
+            hold(script, key, Modifiers::NONE);
+            (0..30).for_each(|_| drop(script.frame(false)));
+            assert_eq!(script.find(text) != Some(first), moves, "{control}, {key:?}");
+        }
+        assert_eq!(camera(script), before);
+    };
+    let mut script = window(&[Tool::Cameras]);
+    script.resize((1280, 240));
+    scrolls(&mut script, "tab:Cameras", "copy_camera");
+    script.resize((640, 300));
+    script.panels().open_tools(&[]);
+    script.write("graph.ron", GRAPH.replace("shade.comp", "shad.comp").replace("key.comp", "kei.comp"));
+    script.until("the errors", |script| script.find("mistakes:text").is_some());
+    scrolls(&mut script, "mistakes:close", "mistakes:text");
 }
 
 #[test]

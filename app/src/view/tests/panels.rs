@@ -6,6 +6,7 @@ use crate::view::events::Event;
 use crate::view::navigation::Input;
 use crate::view::paint::Mode;
 use crate::view::panels::Tool;
+use crate::view::panels::selection::Selection;
 use egui::{Key, Modifiers, PointerButton, Pos2, pos2};
 use splatgraph_assets::synth;
 use splatgraph_framework::ir::Value;
@@ -144,23 +145,28 @@ fn the_keyboard_focus_returns_to_a_button_whose_list_closes() {
 }
 
 #[test]
-fn the_parameters_scroll_to_the_one_that_has_the_keyboard_focus() {
-    let mut script = window(&[Tool::Parameters]);
-    script.resize((1280, 240));
-    (0..3).for_each(|_| drop(script.frame(false)));
-    let mut seen = 0;
-    for _ in 0..60 {
-        script.press(Key::Tab, Modifiers::NONE);
-        (0..30).for_each(|_| drop(script.frame(false)));
-        let Some(control) = focused(&script) else { continue };
-        let named = |(name, rect): (&str, egui::Rect)| name.starts_with("param:") && rect == control.rect;
-        if script.panels().controls.iter().any(named) {
-            seen += 1;
-            assert!(control.interact_rect.height() > 0.9 * control.rect.height(), "{control:?}");
+fn a_tool_scrolls_to_the_control_that_has_the_keyboard_focus() {
+    for (tool, start) in [(Tool::Parameters, "param:"), (Tool::Inspector, "look:")] {
+        let mut script = window(&[tool]);
+        script.resize((1280, 240));
+        if tool == Tool::Inspector {
+            script.panels().select(Selection::Pass("key".to_owned()));
         }
+        (0..3).for_each(|_| drop(script.frame(false)));
+        let mut seen = 0;
+        for _ in 0..60 {
+            script.press(Key::Tab, Modifiers::NONE);
+            (0..30).for_each(|_| drop(script.frame(false)));
+            let Some(control) = focused(&script) else { continue };
+            let named = |(name, rect): (&str, egui::Rect)| name.starts_with(start) && rect == control.rect;
+            if script.panels().controls.iter().any(named) {
+                seen += 1;
+                assert!(control.interact_rect.height() > 0.9 * control.rect.height(), "{control:?}");
+            }
+        }
+        assert!(seen >= 3, "{tool:?}: {seen}");
+        script.close(&[]);
     }
-    assert!(seen > 3, "{seen}");
-    script.close(&[]);
 }
 
 #[test]
