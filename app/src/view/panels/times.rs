@@ -4,7 +4,7 @@ use super::theme::{self, Palette};
 use super::widgets::{self, Control as _, fact, heading, row};
 use crate::view::history::{History, Quantiles, Row, Series};
 use crate::view::viewport::Viewport;
-use egui::{Align, Label, Layout, Response, RichText, Sense, Ui, WidgetText, vec2};
+use egui::{Align, Color32, Label, Layout, Response, RichText, Sense, TextStyle, Ui, vec2};
 use egui_plot::{Line, PlotPoints, VLine};
 use indexmap::IndexSet;
 use splatgraph_api::Device;
@@ -128,11 +128,14 @@ fn cell(ui: &mut Ui, text: String, grey: bool) {
     });
 }
 
-/// Draws text, truncated so that `reserved` points stay free to its right, but not to less than 40 points.
-fn label_beside(ui: &mut Ui, reserved: f32, text: impl Into<WidgetText>) -> Response {
+/// Draws a name, cut at its start so that `reserved` points stay free to its right. It has at least 40 points.
+fn label_beside(ui: &mut Ui, reserved: f32, name: &str, colour: Color32) -> Response {
     let size = vec2((ui.available_width() - reserved).max(40.0), ui.available_height());
+    let shown = widgets::ending(ui, &TextStyle::Body.resolve(ui.style()), ["", name, ""], size.x);
+    let label = Label::new(RichText::new(&shown).color(colour)).truncate();
     let layout = Layout::left_to_right(Align::Center);
-    ui.allocate_ui_with_layout(size, layout, |ui| ui.add(Label::new(text).truncate())).inner
+    let response = ui.allocate_ui_with_layout(size, layout, |ui| ui.add(label)).inner;
+    if shown == name { response } else { response.hint(name) }
 }
 
 fn choose(ui: &mut Ui, phases: &[Series], plotted: &mut Option<String>) {
@@ -174,7 +177,7 @@ fn table(ui: &mut Ui, rows: &[Row], phases: &IndexSet<String>, grey: bool) {
             }
             Some(_) => {
                 ui.add_space(18.0);
-                label_beside(ui, 2.0 * COLUMN + 24.0, RichText::new(&line.name).color(palette.soft))
+                label_beside(ui, 2.0 * COLUMN + 24.0, &line.name, palette.soft)
             }
         };
         row(ui, left, |ui| numbers(ui, line.ms, grey));
@@ -187,7 +190,8 @@ fn memory(ui: &mut Ui, pieces: &[(String, u64)]) {
     let mut pieces = pieces.to_vec();
     pieces.sort_by_key(|(_, bytes)| std::cmp::Reverse(*bytes));
     for (name, bytes) in &pieces {
-        row(ui, |ui| label_beside(ui, COLUMN + 12.0, name), |ui| cell(ui, dump::bytes(*bytes), false));
+        let left = |ui: &mut Ui| label_beside(ui, COLUMN + 12.0, name, ui.visuals().text_color());
+        row(ui, left, |ui| cell(ui, dump::bytes(*bytes), false));
     }
 }
 

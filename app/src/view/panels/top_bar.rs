@@ -36,15 +36,11 @@ const TIME: f32 = 120.0;
 const DEVICE: f32 = 320.0;
 
 /// Draws a button of a fixed `width` that opens a list below it. The list stays open until a click outside. The title
-/// is `start` followed by `text`, which is truncated at its start: file names usually differ at the end.
+/// is `start` followed by `text`, which is truncated at its start.
 fn drop_down(ui: &mut Ui, start: &str, text: &str, width: f32, contents: impl FnOnce(&mut Ui)) -> Response {
     let room = width - 2.0 * ui.spacing().button_padding.x;
     let font = TextStyle::Button.resolve(ui.style());
-    let fits = |title: &String| {
-        ui.painter().layout_no_wrap(title.clone(), font.clone(), Color32::WHITE).size().x <= room
-    };
-    let ends = text.char_indices().skip(1).map(|(at, _)| format!("{start}…{}  ▼", &text[at..]));
-    let title = std::iter::once(format!("{start}{text}  ▼")).chain(ends).find(fits).unwrap_or_default();
+    let title = widgets::ending(ui, &font, [start, text, "  ▼"], room);
     // The width does not depend on the text, so that neighbouring controls do not move.
     let button = ui.add_sized([width, theme::ROW], Button::new(title).truncate());
     // The list must not cover its button: the second click of a double click would choose something.

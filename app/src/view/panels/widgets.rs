@@ -7,7 +7,7 @@ use egui::{
     Align, FontId, Key, Layout, Order, Painter, Pos2, Rect, RectAlign, Response, RichText, Stroke, Ui, Vec2,
     pos2, vec2,
 };
-use egui::{ComboBox, Context, Popup, ScrollArea, Tooltip, WidgetText};
+use egui::{Color32, ComboBox, Context, Popup, ScrollArea, Tooltip, WidgetText};
 use egui_plot::Plot;
 
 /// Sides on which a hint may appear without covering its control.
@@ -317,12 +317,22 @@ pub fn sparkline(painter: &Painter, rect: Rect, values: &[f64], stroke: Stroke) 
     painter.line(values.iter().enumerate().map(point).collect(), stroke);
 }
 
+/// Returns a text between two others, cut at its start so that all fit in `width` points. Names usually differ at the
+/// end.
+pub fn ending(ui: &Ui, font: &FontId, [before, text, after]: [&str; 3], width: f32) -> String {
+    let fits = |title: &String| {
+        ui.painter().layout_no_wrap(title.clone(), font.clone(), Color32::WHITE).size().x <= width
+    };
+    let ends = text.char_indices().skip(1).map(|(at, _)| format!("{before}…{}{after}", &text[at..]));
+    std::iter::once(format!("{before}{text}{after}")).chain(ends).find(fits).unwrap_or_default()
+}
+
 /// Lays out one line of text, truncated with an ellipsis at `width` points.
 pub fn elided(
     ui: &Ui,
     text: &str,
     font: FontId,
-    colour: egui::Color32,
+    colour: Color32,
     width: f32,
 ) -> std::sync::Arc<egui::Galley> {
     let mut job = egui::text::LayoutJob::simple_singleline(text.to_owned(), font, colour);
@@ -331,7 +341,7 @@ pub fn elided(
 }
 
 /// Draws text in a rectangle, vertically centred and truncated at the right edge.
-pub fn text_in(ui: &Ui, painter: &Painter, rect: Rect, text: &str, colour: egui::Color32) {
+pub fn text_in(ui: &Ui, painter: &Painter, rect: Rect, text: &str, colour: Color32) {
     let galley = elided(ui, text, FontId::proportional(TEXT), colour, rect.width());
     let top = rect.center().y - galley.size().y / 2.0;
     painter.galley(pos2(rect.left(), top), galley, colour);
@@ -360,6 +370,20 @@ mod tests {
         let names: Vec<&str> = found.into_iter().map(|(name, _)| name).collect();
         assert_eq!(names, ["splat", "splat2", "my_splat", "mesh"]);
         assert_eq!(ranked(graphs, |(name, about)| rank("", &[name], about)), graphs);
+    }
+
+    #[test]
+    fn a_name_that_is_too_long_loses_its_start() {
+        let mut names = Vec::new();
+        let mut output = Context::default().run_ui(egui::RawInput::default(), |ui| {
+            let font = FontId::monospace(10.0);
+            let width = 8.5 * ui.fonts_mut(|fonts| fonts.glyph_width(&font, ' '));
+            names = ["order.sort[0]", "order.sort[1]", "scan"]
+                .map(|name| ending(ui, &font, ["", name, ""], width))
+                .into();
+        });
+        output.textures_delta.clear();
+        assert_eq!(names, ["…sort[0]", "…sort[1]", "scan"]);
     }
 
     #[test]
