@@ -1,10 +1,12 @@
 //! Writes PlayCanvas's compressed PLY layout; [`super::packed`] describes it.
 //!
 //! Splats are written in Morton order, so that the 256 splats of a chunk are neighbours and their bounds are tight.
+//! The chunk that outliers share with other splats gets the least visible ones.
 
 use super::packed::{CHUNK, CHUNK_SPLATS, VERTEX};
 use super::tags;
 use crate::activation::{SH_C0, logarithm, omit_largest, quantised};
+use crate::bounds::largest;
 use crate::scene::{Scene, sh_floats};
 use crate::words::write_rows;
 use glam::DVec3;
@@ -42,10 +44,29 @@ fn ranged(scene: &Scene, index: usize) -> Ranged {
     std::array::from_fn(|k| [position, scale, color][k / 3][k % 3])
 }
 
+/// Sorts the splats into chunks, and returns their indices.
+fn chunk_order(scene: &Scene) -> Vec<u32> {
+    let mut order = scene.morton_order();
+    let inner = order.partition_point(|index| !scene.is_outlier(*index));
+    if (CHUNK_SPLATS..order.len()).contains(&inner) {
+        // Small splats are drawn as large as a pixel, whose size is unknown here.
+        let least = scene.median_size();
+        let visible = |index: u32| {
+            let size = largest(scene.scales()[index as usize]).max(least);
+            // The bits of floats that are not negative sort like the floats.
+            ((scene.opacities()[index as usize] * size * size).to_bits(), index)
+        };
+        let mut sorted: Vec<_> = order[..inner].iter().map(|index| visible(*index)).collect();
+        let (_, &mut limit, _) = sorted.select_nth_unstable(inner % CHUNK_SPLATS);
+        order[..inner].sort_by_key(|index| visible(*index) < limit);
+    }
+    order
+}
+
 /// Returns for each splat the largest quantisation step of its coordinates, in world units.
 pub(crate) fn position_steps(scene: &Scene) -> Vec<f32> {
     let mut steps = vec![0.0; scene.count() as usize];
-    for chunk in scene.morton_order().chunks(CHUNK_SPLATS) {
+    for chunk in chunk_order(scene).chunks(CHUNK_SPLATS) {
         let positions = || chunk.iter().map(|index| DVec3::from(scene.world_position(*index as usize)));
         let (min, max) = (positions().reduce(DVec3::min), positions().reduce(DVec3::max));
         let range = max.unwrap_or_default() - min.unwrap_or_default();
@@ -73,7 +94,7 @@ fn harmonic(value: f32) -> u8 {
 pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     let degree = scene.stored_degree();
     out.write_all(header(scene.count() as usize, degree, &tags::comments(scene)).as_bytes())?;
-    let order = scene.morton_order();
+    let order = chunk_order(scene);
     // Splats are buffered, because the bounds of all chunks precede the first splat in the file.
     let mut vertices = Vec::new();
     vertices.try_reserve_exact(order.len() * 16)?;
@@ -116,4 +137,29 @@ pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
         })?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::splat;
+
+    #[test]
+    fn a_far_splat_makes_the_steps_of_only_the_least_visible_splats_coarser() {
+        let faint = |index: usize| index % 4 == 1;
+        let scene = |far: f32| {
+            Scene::generate(1000, 0, |index| {
+                let mut splat = splat(index);
+                splat.position[0] += if index == 7 { far } else { 0.0 };
+                splat.opacity *= if faint(index) { 0.01 } else { 1.0 };
+                splat
+            })
+        };
+        let (near, far) = (position_steps(&scene(0.0)), position_steps(&scene(5000.0)));
+        let most = |of: &[f32]| {
+            let seen = of.iter().enumerate().filter(|(index, _)| *index != 7 && !faint(*index));
+            seen.fold(0.0f32, |most, (_, step)| most.max(*step))
+        };
+        assert!(far[7] > 1.0 && most(&far) < 1.5 * most(&near), "{} and {}", most(&far), most(&near));
+    }
 }
