@@ -4,6 +4,7 @@
 //! own. Lloyd's algorithm (k-means) then moves the borders of all intervals.
 
 use super::meta::CODES;
+use crate::bounds::median;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -12,6 +13,9 @@ const STEPS: usize = 48;
 
 /// Iterations that move the border between the two halves of an interval.
 const BORDER_STEPS: usize = 8;
+
+/// Largest weight, in medians of the weights. Prefix sums with larger ones would lose the others to rounding.
+const MOST_WEIGHT: f32 = 1e6;
 
 /// A codebook: 256 ascending numbers.
 pub(super) struct Codebook {
@@ -76,11 +80,12 @@ struct Sorted {
 impl Sorted {
     fn new(mut weighted: Vec<(f32, f32)>) -> Self {
         weighted.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        let most = MOST_WEIGHT * median(&mut weighted.iter().map(|(_, weight)| *weight).collect::<Vec<_>>());
         let mut sums = Vec::with_capacity(weighted.len() + 1);
         let mut sum = [0.0; 3];
         sums.push(sum);
         for (number, weight) in &weighted {
-            let (number, weight) = (f64::from(*number), f64::from(*weight));
+            let (number, weight) = (f64::from(*number), f64::from(weight.min(most)));
             sum = [sum[0] + weight, sum[1] + weight * number, sum[2] + weight * number * number];
             sums.push(sum);
         }
@@ -132,10 +137,12 @@ impl Sorted {
     /// Splits an interval at the midpoint between the means of its halves. Its numbers must not all be equal.
     fn halves(&self, interval: Range<usize>) -> [Range<usize>; 2] {
         let numbers = &self.numbers[interval.clone()];
+        let [first, last] = [numbers[0], numbers[numbers.len() - 1]];
         let halves = |border: f64| {
-            // Rounding can put a mean beyond all numbers. The clamp keeps both halves nonempty.
-            let middle = numbers.partition_point(|number| f64::from(*number) <= border);
-            let middle = interval.start + middle.clamp(1, numbers.len() - 1);
+            // Rounding can put a mean beyond all numbers. No half may be empty, or have a part of equal numbers.
+            let border = border.max(first.into());
+            let is_low = |number: &f32| *number < last && f64::from(*number) <= border;
+            let middle = interval.start + numbers.partition_point(is_low);
             [interval.start..middle, middle..interval.end]
         };
         (0..BORDER_STEPS).fold(halves(self.mean(&interval)), |[low, high], _| {
@@ -167,6 +174,19 @@ mod tests {
         let codebook = of(many.iter().copied());
         let worst = many.iter().map(|number| (coded(&codebook, *number) - number).abs());
         assert!(worst.fold(0.0, f32::max) < 8.0 / 256.0);
+    }
+
+    #[test]
+    fn numbers_of_extreme_weight_leave_the_codes_of_others_exact_or_near() {
+        let weight = |i: usize| if i % 3000 == 7 { 1e16 } else { 1.0 };
+        let error = |numbers: &dyn Fn(usize) -> f32| {
+            let codebook = Codebook::of((0..30_000).map(|i| (numbers(i), weight(i))).collect());
+            let errors = (0..30_000).map(|i| (coded(&codebook, numbers(i)) - numbers(i)).abs());
+            errors.fold(0.0, f32::max)
+        };
+        assert_eq!(error(&|i| ((i % 256) as f32 / 60.0).exp()), 0.0);
+        let many = error(&|i| (i as f32 * 0.37).sin() * 4.0);
+        assert!(many < 0.1, "{many}");
     }
 
     #[test]
