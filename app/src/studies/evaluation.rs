@@ -3,6 +3,7 @@
 use crate::io::image::Image;
 use crate::io::output::one_line;
 use crate::io::report::text;
+use crate::studies::measurement::error::joint_psnr;
 use serde::{Deserialize, Serialize};
 use splatgraph_reference::metrics::flip::Seen;
 use splatgraph_reference::metrics::{self, MetricError, decibels};
@@ -37,6 +38,9 @@ pub struct Mean {
     /// Mean of the views' decibels (as in papers), not PSNR of the mean error. Infinite if a view's pictures are equal.
     #[serde(serialize_with = "decibels::serialize_measured")]
     pub psnr_db: Option<f64>,
+    /// PSNR of the mean squared error, each view with the same weight. Infinite only if all pictures are equal.
+    #[serde(serialize_with = "decibels::serialize_measured")]
+    pub pooled_psnr_db: Option<f64>,
     /// Mean of [`Score::ssim`].
     pub ssim: Option<f64>,
     /// Mean of [`Score::flip`].
@@ -106,6 +110,28 @@ pub fn mean(values: impl ExactSizeIterator<Item = Option<f64>>) -> Option<f64> {
     values.sum::<Option<f64>>().filter(|_| count > 0).map(|sum| sum / count as f64)
 }
 
+/// Computes the PSNR of the mean squared error of views; `None` without views.
+pub fn pooled(of_views: impl ExactSizeIterator<Item = Option<f64>>) -> Option<f64> {
+    (of_views.len() > 0).then(|| joint_psnr(of_views))
+}
+
+impl Mean {
+    /// Returns true if the mean of the decibels is infinite although a view has an error.
+    pub fn needs_pooled(&self) -> bool {
+        self.psnr_db == Some(f64::INFINITY) && self.pooled_psnr_db.is_some_and(f64::is_finite)
+    }
+
+    /// Formats the row of a table for [`Mean::pooled_psnr_db`], with `columns` of other scores. `None` unless the mean
+    /// of the decibels hides the errors.
+    pub fn pooled_row(&self, columns: usize) -> Option<Vec<String>> {
+        let psnr = text::number(self.pooled_psnr_db, 2);
+        let row = |others| {
+            [vec!["pooled".into(), psnr], others, vec!["PSNR of the mean squared error".into()]].concat()
+        };
+        self.needs_pooled().then(|| row(vec![String::new(); columns]))
+    }
+}
+
 impl Score {
     /// Returns PSNR in decibels, infinite if the pictures are equal.
     fn psnr(&self) -> f64 {
@@ -121,6 +147,7 @@ impl Evaluation {
             |of: &dyn Fn(&Score) -> Option<f64>| mean(views.iter().map(of)).filter(|_| missing.is_empty());
         let mean = Mean {
             psnr_db: mean(&|score| Some(score.psnr())),
+            pooled_psnr_db: pooled(views.iter().map(|score| score.psnr_db)).filter(|_| missing.is_empty()),
             ssim: mean(&|score| score.ssim),
             flip: mean(&|score| Some(score.flip)),
         };
@@ -147,14 +174,17 @@ impl Evaluation {
             let size = format!("{} x {}{}", score.width, score.height, counted.unwrap_or_default());
             row(&score.view, Some(score.psnr()), score.ssim, Some(score.flip), size)
         });
-        let Mean { psnr_db, ssim, flip } = self.mean;
+        let Mean { psnr_db, ssim, flip, .. } = self.mean;
         let views = match (self.views.len(), self.missing.len()) {
             (1, 0) => "1 view".into(),
             (views, 0) => format!("{views} views"),
             (views, missing) => format!("{views} of {} views", views + missing),
         };
         let mean = row("mean", psnr_db, ssim, flip, views);
-        text::table(["view", "PSNR dB", "SSIM", "FLIP", "size"], rows.chain([mean]))
+        text::table(
+            ["view", "PSNR dB", "SSIM", "FLIP", "size"],
+            rows.chain([mean]).chain(self.mean.pooled_row(2)),
+        )
     }
 }
 
@@ -175,6 +205,7 @@ mod tests {
         let all = Evaluation::new(scores.to_vec(), Vec::new());
         assert!((all.mean.psnr_db.unwrap() - 30.0).abs() < 1e-4, "{all:?}");
         let text = all.table();
+        assert!(!text.contains("pooled"), "no view is equal: {text}");
         assert!(
             text.contains("a.jpg    20.00") && text.contains("mean     30.00") && text.ends_with("2 views\n"),
             "{text}"
@@ -182,12 +213,15 @@ mod tests {
         let equal = score("c.jpg", &grey(0.5), &grey(0.5), None).unwrap();
         let all = Evaluation::new(vec![scores[0].clone(), equal], Vec::new());
         assert_eq!((all.mean.psnr_db, all.views[1].flip), (Some(f64::INFINITY), 0.0));
+        let pooled = 20.0 + 10.0 * 2f64.log10();
+        assert!(all.mean.pooled_psnr_db.is_some_and(|db| (db - pooled).abs() < 1e-4), "{all:?}");
         let text = all.table();
         assert!(text.contains("c.jpg      inf  1.0000  0.0000") && text.contains("mean       inf"), "{text}");
+        assert!(text.contains("pooled    23.01                  PSNR of the mean squared error"), "{text}");
         let json = serde_json::to_value(&all).unwrap();
         assert_eq!((&json["views"][1]["psnr_db"], &json["mean"]["psnr_db"]), (&"inf".into(), &"inf".into()));
         let part = Evaluation::new(scores.to_vec(), vec!["d.jpg".into()]);
-        assert_eq!(part.mean, Mean { psnr_db: None, ssim: None, flip: None });
+        assert_eq!(part.mean, Mean { psnr_db: None, pooled_psnr_db: None, ssim: None, flip: None });
         assert!(part.table().contains("mean         -       -       -  2 of 3 views"), "{}", part.table());
     }
 

@@ -8,7 +8,7 @@ use crate::io::image::{Depth, ENCODING, Format, Image, keep_archives, split_memb
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{OutputGuard, is_standard_output, one_line, say};
 use crate::io::report::text;
-use crate::studies::evaluation::{Mean, mean};
+use crate::studies::evaluation::{Mean, mean, pooled};
 use anyhow::{Context, Result, bail};
 use pairs::{Named, Pair, Pictures};
 use serde::Serialize;
@@ -116,7 +116,8 @@ impl Means {
         let psnr_db = of(&|found| Some(found.psnr()));
         let (ssim, flip) = (of(&|found| found.all.ssim), of(&|found| Some(found.flip)));
         let flip_8_bits = of(&|found| Some(found.flip_8_bits));
-        Means { of_values: Mean { psnr_db, ssim, flip }, flip_8_bits }
+        let pooled_psnr_db = pooled(found.iter().map(|found| found.all.psnr_db)).filter(|_| missing == 0);
+        Means { of_values: Mean { psnr_db, pooled_psnr_db, ssim, flip }, flip_8_bits }
     }
 }
 
@@ -470,7 +471,8 @@ fn table(pairs: &[&Pair], found: &[Found], worst: usize, missing: usize) -> Stri
             format!("({}, {})", worst.x, worst.y),
         ]
     });
-    let Means { of_values: Mean { psnr_db, ssim, flip }, flip_8_bits } = Means::of(found, missing);
+    let Means { of_values, flip_8_bits } = Means::of(found, missing);
+    let Mean { psnr_db, ssim, flip, .. } = of_values;
     let [ssim, flip, flip_8_bits] = [ssim, flip, flip_8_bits].map(|mean| text::number(mean, 6));
     let (psnr, count) = (
         text::number(psnr_db, 2),
@@ -480,7 +482,7 @@ fn table(pairs: &[&Pair], found: &[Found], worst: usize, missing: usize) -> Stri
         },
     );
     let mean = vec!["mean".into(), psnr, ssim, flip, flip_8_bits, String::new(), count];
-    text::table(head, rows.chain([mean]))
+    text::table(head, rows.chain([mean]).chain(of_values.pooled_row(4)))
         + &format!("worst: {}, {}", one_line(&pairs[worst].name), sentence(&found[worst]))
 }
 

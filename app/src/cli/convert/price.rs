@@ -126,7 +126,13 @@ impl PriceArgs {
 }
 
 fn table(prices: &[Price]) -> String {
-    let head = ["format", "bytes", "per splat", "load ms", "lowest PSNR dB", "PSNR dB", "SSIM", "FLIP"];
+    let is_pooled = prices.iter().any(|price| match &price.found {
+        Found::Measured(found) => found.scores.mean.needs_pooled(),
+        Found::Refused { .. } => false,
+    });
+    let mut head =
+        vec!["format", "bytes", "per splat", "load ms", "lowest PSNR dB", "PSNR dB", "SSIM", "FLIP"];
+    head.extend(is_pooled.then_some("pooled PSNR dB"));
     let mut rows = Vec::new();
     let mut refused = String::new();
     for price in prices {
@@ -152,3 +158,4 @@ fn table(prices: &[Price]) -> String {
     }
     text::table(head, rows) + &refused
 }
+                    text::number(mean.pooled_psnr_db, 2),
