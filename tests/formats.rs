@@ -172,6 +172,10 @@ fn losses_are_listed_for_each_scene_and_may_be_refused() {
 }
 
 #[test]
+    let line = "convert owned.ply --price --size 160x90 --format glb";
+    let told = place.done(line);
+    assert!(told.contains("\nglb: lost: the order by depth: "), "{told}");
+    assert_eq!(place.told(&format!("{line} --ignore-tags --json"))["prices"][0]["least_psnr_db"], "inf");
 fn a_price_counts_what_is_left_out_and_frames_the_scene_at_the_size_of_the_pictures() {
     let place = Place::demo(300);
     std::fs::rename(place.at("scene.ply"), place.at("alone.ply")).expect("it is renamed");
@@ -202,7 +206,7 @@ fn a_price_counts_what_is_left_out_and_frames_the_scene_at_the_size_of_the_pictu
     place.done("convert alone.ply far.ply --transform move:100000,0,0");
     let told = place.done("convert alone.ply --merge far.ply --price --size 12x40");
     for format in ["sog", "compressed.ply"] {
-        assert!(told.contains(&format!("\n{format}: positions: steps of up to ")), "{told}");
+        assert!(told.contains(&format!("\n{format}: lost: positions: steps of up to ")), "{told}");
     }
 }
 

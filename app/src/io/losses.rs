@@ -305,7 +305,7 @@ pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
 
 /// Lists the losses that a scene's contents cause in a file of a format, one phrase each. These are tags, the order by
 /// depth, precision of positions, and the mesh.
-fn not_stored(scene: &Scene, format: SceneFormat) -> Vec<String> {
+pub fn not_stored(scene: &Scene, format: SceneFormat) -> Vec<String> {
     let mut losses = Vec::new();
     // First, because a scene is moved to the origin before it is turned about it.
     let rounding = scene.position_rounding(format);

@@ -2,6 +2,7 @@
 
 use crate::draw::truth::Truth;
 use crate::io::image::Image;
+use crate::io::losses;
 use crate::studies::evaluation::{Evaluation, Score, score};
 use anyhow::{Context, Result};
 use serde::Serialize;
@@ -50,13 +51,16 @@ pub struct Measured {
     pub least_psnr_db: Option<f64>,
     /// Scores of the views against the original scene's pictures, and their means.
     pub scores: Evaluation,
+    /// Losses of the file due to the contents of the scene, such as tags that the format cannot store.
+    pub losses: Vec<String>,
 }
 
 /// Writes the scene in each of `formats`, reads it back, and compares its exact pictures with the truth's.
 ///
 /// Without a `truth`, the scene itself is the truth. Cameras are in the world's coordinates, because the files can have
-/// other offsets than the scene. A format that loses the scene's tags is drawn without them, which counts as error. The
-/// scene's mesh is not drawn: no format stores it, and the price is that of the splats.
+/// other offsets than the scene. A format that loses the scene's tags is drawn without them, which counts as error. With
+/// `ignore_tags`, all files are drawn without their tags. The scene's mesh is not drawn: no format stores it, and the
+/// price is that of the splats.
 ///
 /// # Errors
 /// A picture, a file or a second scene does not fit in memory, a written file cannot be read, or its pictures have
@@ -66,6 +70,7 @@ pub fn measure(
     truth: Option<Scene>,
     cameras: &[Camera],
     formats: &[SceneFormat],
+    ignore_tags: bool,
 ) -> Result<Vec<Price>> {
     let (scene, truth) = (&scene.with_mesh(None), truth.map(|truth| truth.with_mesh(None)));
     let mut file = Vec::new();
@@ -76,7 +81,8 @@ pub fn measure(
         SceneFormat::Spz => vec![(format, Some(SpzVersion::V3)), (format, Some(SpzVersion::V4))],
         _ => vec![(format, None)],
     });
-    versions.map(|(format, version)| price(scene, cameras, &views, (format, version), &mut file)).collect()
+    let tagged = |scene: Scene| if ignore_tags { scene.without_tags() } else { scene };
+    versions.map(|version| price(scene, cameras, &views, version, tagged, &mut file)).collect()
 }
 
 /// Reserves memory for a file of the scene in any format. Fails if there is not enough for the file, a second scene and
@@ -109,6 +115,7 @@ fn price(
     cameras: &[Camera],
     views: &[Image],
     (format, version): (SceneFormat, Option<SpzVersion>),
+    tagged: impl Fn(Scene) -> Scene,
     bytes: &mut Vec<u8>,
 ) -> Result<Price> {
     bytes.clear();
@@ -127,7 +134,7 @@ fn price(
         loaded = Some(Scene::parse(bytes, QUIET)?);
         load_ms = load_ms.min(begun.elapsed().as_secs_f64() * 1e3);
     }
-    let loaded = loaded.context("a scene was loaded")?;
+    let loaded = tagged(loaded.context("a scene was loaded")?);
     let found = pictures(&loaded, cameras)?;
     let scores: Result<Vec<Score>, _> = found
         .iter()
@@ -143,6 +150,7 @@ fn price(
         load_ms,
         least_psnr_db: least,
         scores: Evaluation::new(scores, Vec::new()),
+        losses: losses::not_stored(scene, format),
     };
     Ok(Price { format: name, found: Found::Measured(measured) })
 }
@@ -170,6 +178,7 @@ mod tests {
             None,
             &cameras,
             &[SceneFormat::Ply, SceneFormat::Spz],
+            false,
         );
         let prices = prices.expect("prices");
         let json = serde_json::to_value(&prices).expect("JSON");
@@ -181,20 +190,37 @@ mod tests {
     }
 
     #[test]
+    fn a_file_without_the_order_by_depth_names_it_and_is_drawn_like_the_scene_without_tags() {
+        let scene = || synth::generate("demo", 300, 0).expect("it is generated").without_tags();
+        let camera = Camera::framing(&scene(), 64, 48);
+        let price = |ignore_tags| {
+            let (formats, cameras) = ([SceneFormat::Gltf], std::slice::from_ref(&camera));
+            let prices = measure(scene(), None, cameras, &formats, ignore_tags).expect("a price");
+            measured(&prices, "glb").clone()
+        };
+        let told = price(false);
+        assert!(
+            told.least_psnr_db.is_some() && told.losses[0].starts_with("the order by depth:"),
+            "{told:?}"
+        );
+        assert_eq!(price(true).least_psnr_db, None);
+    }
+
+    #[test]
     fn every_format_has_a_price_and_exact_ones_have_no_error() {
         let scene = synth::generate("demo", 300, 0).expect("it is generated");
         let camera = Camera::framing(&scene, 64, 48);
         let cut = scene.cut_to_degree(0).expect("it fits in memory");
         let whole = scene.cut_to_degree(3).expect("it fits in memory");
-        let prices =
-            measure(scene, None, std::slice::from_ref(&camera), &SceneFormat::WRITTEN).expect("prices");
+        let prices = measure(scene, None, std::slice::from_ref(&camera), &SceneFormat::WRITTEN, false)
+            .expect("prices");
         assert_eq!(prices.len(), SceneFormat::WRITTEN.len() + 1);
         let of = |name: &str| measured(&prices, name);
         let db = |name: &str| of(name).least_psnr_db.unwrap_or(f64::INFINITY);
         assert!(db("ply") > 90.0, "{}", db("ply"));
         assert!(db("splat") < db("ply") && of("splat").bytes == 32 * 300);
         assert_eq!(of("spz, version 3").least_psnr_db, of("spz, version 4").least_psnr_db);
-        let prices = measure(cut, Some(whole), &[camera], &[SceneFormat::Ply]).expect("prices");
+        let prices = measure(cut, Some(whole), &[camera], &[SceneFormat::Ply], false).expect("prices");
         let db = measured(&prices, "ply").least_psnr_db;
         assert!(db.is_some_and(|db| db < 60.0), "the bands that were cut count as error: {db:?}");
     }

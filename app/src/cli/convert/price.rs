@@ -68,13 +68,15 @@ impl PriceArgs {
 
     /// Measures the prices of `scene`, which was loaded from `path`, in `formats`, or in all if it is empty. Prints
     /// them or writes them to the file of `--json`, with the fields of `lost`. `truth` is the scene before splats or
-    /// bands were left out; `None` if it is the same. Given cameras move with the scene.
+    /// bands were left out; `None` if it is the same. Given cameras move with the scene. With `ignore_tags`, the written
+    /// files are drawn without their tags, as `scene` must be.
     pub(super) fn run(
         &self,
         scene: Scene,
         truth: Option<Scene>,
         (path, edit): (&Path, &EditArgs),
         formats: &[SceneFormat],
+        ignore_tags: bool,
         lost: Json,
     ) -> Result<Outcome> {
         let formats = if formats.is_empty() { &SceneFormat::WRITTEN } else { formats };
@@ -104,13 +106,12 @@ impl PriceArgs {
             say(format!("{note}; their views are left out"));
         }
         let (splats, of) = (scene.count(), original.count());
-        let notes = |format: SceneFormat| {
-            let coarse = losses::coarse_positions(&scene, format);
-            let notes = coarse.into_iter().chain(losses::empty_bands(&scene, format));
-            notes.map(move |note| format!("{}: {note}\n", format.extension())).collect::<String>()
+        let empty = |format: &SceneFormat| {
+            let note = losses::empty_bands(&scene, *format)?;
+            Some(format!("{}: {note}\n", format.extension()))
         };
-        let notes: String = formats.iter().copied().map(notes).collect();
-        let prices = price::measure(scene, truth, &cameras, formats)?;
+        let empty: String = formats.iter().filter_map(empty).collect();
+        let prices = price::measure(scene, truth, &cameras, formats, ignore_tags)?;
         match &self.json {
             Some(file) => {
                 let all = json!({
@@ -119,10 +120,25 @@ impl PriceArgs {
                 });
                 options::write_json(file, &options::with_fields(all, lost))?;
             }
-            None => options::print((table(&prices) + &notes).trim_end())?,
+            None => options::print((table(&prices) + &losses(&prices) + &empty).trim_end())?,
         }
         Ok(Outcome::Done)
     }
+}
+
+/// Lists what the formats lose, a line for each loss, once for all versions of a format.
+fn losses(prices: &[Price]) -> String {
+    let mut lines = String::new();
+    for price in prices {
+        let Found::Measured(found) = &price.found else { continue };
+        let format = price.format.split(',').next().unwrap_or_default();
+        for line in found.losses.iter().map(|loss| format!("{format}: lost: {loss}\n")) {
+            if !lines.contains(&line) {
+                lines += &line;
+            }
+        }
+    }
+    lines
 }
 
 fn table(prices: &[Price]) -> String {
@@ -147,6 +163,7 @@ fn table(prices: &[Price]) -> String {
                     text::number(mean.psnr_db, 2),
                     text::number(mean.ssim, 4),
                     text::number(mean.flip, 4),
+                    text::number(mean.pooled_psnr_db, 2),
                 ]
             }
             Found::Refused { cannot_be_written } => {
@@ -154,8 +171,9 @@ fn table(prices: &[Price]) -> String {
                 std::array::from_fn(|_| "-".into())
             }
         };
-        rows.push([vec![price.format.clone()], cells.to_vec()].concat());
+        let mut row = [vec![price.format.clone()], cells.to_vec()].concat();
+        row.truncate(head.len());
+        rows.push(row);
     }
     text::table(head, rows) + &refused
 }
-                    text::number(mean.pooled_psnr_db, 2),
