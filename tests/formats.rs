@@ -51,7 +51,8 @@ fn a_conversion_between_two_ply_files_says_what_activation_loses() {
         let floats = row.chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().expect("4 bytes")));
         let mut floats: Vec<f32> = floats.collect();
         floats[58..].iter_mut().for_each(|c| *c *= 2.0);
-        floats[54] = if index == 0 { 20.0 } else { 0.5 };
+        floats[54] = [20.0, f32::NEG_INFINITY].get(index).copied().unwrap_or(0.5);
+        floats[57] = if index == 2 { f32::NEG_INFINITY } else { floats[57] };
         floats.extend([3.0, 4.0]);
         floats.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<u8>>()
     });
@@ -63,6 +64,8 @@ fn a_conversion_between_two_ply_files_says_what_activation_loses() {
         "lost: properties that splats do not have: segment, gain\n",
         "lost, but in no picture: the lengths of quaternions: 500 other than 1, in a range of 2.000 to 2.000",
         "lost, but in no picture: logits above 9.9, in 1 splat: rounded",
+        "lost, but in no picture: logits of opacity 0, in 1 splat: written as -104",
+        "lost, but in no picture: logarithms of scale 0, in 1 splat: written as -104",
     ] {
         assert!(text.contains(lost), "{lost}: {text}");
     }
@@ -169,13 +172,13 @@ fn losses_are_listed_for_each_scene_and_may_be_refused() {
         prices["prices"].as_array().expect("a list").iter().map(|row| &row["format"]).collect();
     assert_eq!(formats, ["splat", "spz, version 3", "spz, version 4"]);
     assert_eq!(prices["losses"], losses["losses"]);
-}
-
-#[test]
     let line = "convert owned.ply --price --size 160x90 --format glb";
     let told = place.done(line);
     assert!(told.contains("\nglb: lost: the order by depth: "), "{told}");
     assert_eq!(place.told(&format!("{line} --ignore-tags --json"))["prices"][0]["least_psnr_db"], "inf");
+}
+
+#[test]
 fn a_price_counts_what_is_left_out_and_frames_the_scene_at_the_size_of_the_pictures() {
     let place = Place::demo(300);
     std::fs::rename(place.at("scene.ply"), place.at("alone.ply")).expect("it is renamed");

@@ -344,6 +344,22 @@ pub fn not_stored(scene: &Scene, format: SceneFormat) -> Vec<String> {
     losses
 }
 
+/// Counts the splats of a PLY file whose stored values change in a file of `format`, although their activated values
+/// are kept, one phrase for each kind of value.
+fn inexact(written: &Scene, format: SceneFormat) -> impl Iterator<Item = String> {
+    let opacities = |is: fn(f32) -> bool| written.opacities().iter().filter(|opacity| is(**opacity)).count();
+    let nearly = opacities(|opacity| opacity > NEARLY_OPAQUE);
+    let mut counts =
+        vec![("logits above 9.9", nearly, "rounded to those of opacities in 32 bits, at most 18")];
+    if format == SceneFormat::Ply {
+        let flat = written.scales().iter().filter(|scale| scale.contains(&0.0)).count();
+        counts.push(("logits of opacity 0", opacities(|opacity| opacity == 0.0), "written as -104"));
+        counts.push(("logarithms of scale 0", flat, "written as -104"));
+    }
+    let counts = counts.into_iter().filter(|(_, count, _)| *count > 0);
+    counts.map(|(values, count, text)| format!("{values}, in {}: {text}", splats(count as u64)))
+}
+
 impl Original {
     /// Collects the properties of a scene.
     pub fn of(scene: &Scene) -> Original {
@@ -420,13 +436,8 @@ impl Losses {
         // Activation rounds values that a format without rounding could store.
         if rounded.is_empty() {
             invisible_losses = named(originals, |original| original.lengths().into_iter().collect());
-            let nearly =
-                written.opacities().iter().filter(|opacity| **opacity > NEARLY_OPAQUE).count() as u64;
-            if nearly > 0 && originals.iter().any(|(_, original)| original.format.starts_with("ply,")) {
-                invisible_losses.push(format!(
-                    "logits above 9.9, in {}: rounded to those of opacities in 32 bits, at most 18",
-                    splats(nearly)
-                ));
+            if originals.iter().any(|(_, original)| original.format.starts_with("ply,")) {
+                invisible_losses.extend(inexact(written, format));
             }
         }
         Losses { losses, chosen_losses, invisible_losses }
