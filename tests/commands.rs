@@ -155,6 +155,25 @@ fn info_shows_the_bytes_of_a_file_and_the_buffers_of_a_plan() {
     for name in ["scene.covariances", "order.keys#1", "order.sort.table"] {
         assert!(text.contains(name), "no {name} in\n{text}");
     }
+    let needed = place.told("info scene.ply --pipeline splat --json")["fits"][0]["needed_bytes"].as_u64();
+    let needed = splatgraph_assets::grouped(needed.expect("a number"));
+    assert!(text.contains(&format!(" bytes; with shared memory, {needed}, and ")), "{needed} in {text}");
+}
+
+#[test]
+fn the_default_key_width_of_a_scene_sorted_by_distance_promises_no_exact_order() {
+    let place = Place::demo(300);
+    place.done("convert scene.ply by.glb");
+    for (name, promised) in [("scene.ply", true), ("by.glb", false)] {
+        let text = place.done(&format!("info {name}"));
+        let line = text.lines().find(|line| line.contains("default key width")).expect("a line");
+        let bits = place.told(&format!("info {name} --json"))["key_bits"].as_u64().expect("a number");
+        assert!(
+            line.contains(&format!(" {bits} bits")) && line.contains("exact order") == promised,
+            "{line}"
+        );
+        assert!(promised || bits == 32, "{bits}");
+    }
 }
 
 #[test]

@@ -8,7 +8,7 @@ use super::options::{self, Drawing, MemoryArgs};
 use super::outcome::{Outcome, Usage};
 use crate::draw::camera::{common_view, mean_up};
 use crate::draw::facts::{self, SceneFacts};
-use crate::draw::fit::{self, Target, Wanted};
+use crate::draw::fit::{self, Fit, Target, Wanted};
 use crate::draw::keys;
 use crate::draw::planner::Planner;
 use crate::draw::storage::{Choice, StorageError};
@@ -17,7 +17,7 @@ use crate::io::losses;
 use crate::studies::advise::{Description, describe};
 use anyhow::Result;
 use serde_json::{Value as Json, json};
-use splatgraph_assets::{Camera, Mesh, Scene, ScenePart, grouped};
+use splatgraph_assets::{Camera, Mesh, Scene, ScenePart, SortKey, grouped};
 use splatgraph_framework::dump::{self, Dump};
 use std::path::{Path, PathBuf};
 
@@ -74,9 +74,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
     let own_size = cameras.first().map_or(facts::DEFAULT_SIZE, |c| (c.width, c.height));
     let size = args.drawing.size.unwrap_or(own_size);
-    let key_bits = keys::of_scene(&scene.bounds());
+    let (key_bits, key_text) = default_keys(&scene);
     let worksheet = format!(
-        "{}: {}\n{report}{}  default key width     {key_bits} bits (`scene.key_bits`), 32 for distances: with float_bits, every view is in the exact order\n{}{}{}",
+        "{}: {}\n{report}{}  default key width     {key_bits} bits{key_text}\n{}{}{}",
         args.scene.display(),
         scene.size_breakdown(),
         keys_text(&needs, 0),
@@ -151,12 +151,24 @@ pub fn run(args: &Args) -> Result<Outcome> {
         });
         options::write_json(path, &all)?;
     } else {
+        let memory = memory(&dump, &fits[0], size);
         let fits: String =
             fits.iter().map(|fit| format!("\n{fit}{}", fit.advice(&args.scene, &args.load))).collect();
         let chosen = chosen.map_or_else(String::new, |choice| format!("{choice}\n"));
-        options::write_text(None, &format!("\n{chosen}{}{fits}", memory(&dump, size)))?;
+        options::write_text(None, &format!("\n{chosen}{memory}{fits}"))?;
     }
     Ok(Outcome::Done)
+}
+
+/// Returns the default width of depth keys, and what is known about it.
+fn default_keys(scene: &Scene) -> (u32, &'static str) {
+    match scene.notes().key_of {
+        SortKey::Depth => (
+            keys::of_scene(&scene.bounds()),
+            " (`scene.key_bits`): with float_bits, every view is in the exact order",
+        ),
+        SortKey::Distance => (*keys::WIDTHS.end(), ", because the splats are sorted by distance"),
+    }
 }
 
 /// Describes one entry of a list of scenes: its file, the first index of its splats (as in the output `index`), and
@@ -205,9 +217,11 @@ fn mesh_text(mesh: &Mesh) -> String {
 }
 
 /// Formats the sizes of the plan's buffers and images, grouped by source, with sums.
-fn memory(dump: &Dump, (width, height): (u32, u32)) -> String {
+///
+/// `fit` has the sums in which memory that several resources share counts once.
+fn memory(dump: &Dump, fit: &Fit, (width, height): (u32, u32)) -> String {
     let mut text = format!("on the GPU with {}, {width} x {height}\n", dump.graph);
-    let (mut all, mut freed) = (0, 0);
+    let mut all = 0;
     for (source, ends, title) in [
         ("scene", false, "of the scene"),
         ("transient", false, "of the graph"),
@@ -223,15 +237,17 @@ fn memory(dump: &Dump, (width, height): (u32, u32)) -> String {
             continue;
         }
         let sum: u64 = resources.iter().map(|r| r.bytes).sum();
-        *(if ends { &mut freed } else { &mut all }) += sum;
-        text += &format!("  {title}: {} bytes\n", splatgraph_assets::grouped(sum));
+        all += if ends { 0 } else { sum };
+        text += &format!("  {title}: {} bytes\n", grouped(sum));
         for r in resources {
-            text +=
-                &format!("    {:<24}{:>28}{:>18}\n", r.name, r.shape, splatgraph_assets::grouped(r.bytes));
+            text += &format!("    {:<24}{:>28}{:>18}\n", r.name, r.shape, grouped(r.bytes));
         }
     }
-    let [stays, peak] = [all, all + freed].map(splatgraph_assets::grouped);
-    text + &format!("  sum: {stays} bytes, {peak} until the first frame is drawn\n")
+    let shared = [fit.needed_bytes, fit.needed_bytes + fit.loading_bytes];
+    let [all, stays, peak] = [all, shared[0], shared[1]].map(grouped);
+    text + &format!(
+        "  sum: {all} bytes; with shared memory, {stays}, and {peak} until the first frame is drawn\n"
+    )
 }
 
 #[cfg(test)]
