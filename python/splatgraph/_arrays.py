@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,11 +25,18 @@ def array(value: Any, name: str, shape: Sequence[int | None] | None = None, dtyp
 def picture(value: Any, name: str, shape: Sequence[int | None]) -> np.ndarray:
     """Returns a picture as `array` does, in float32. Values of uint8 and uint16 are divided by their maximum, which is white.
 
-    Other integers raise a TypeError, because it is unknown which value is white.
+    Other integers raise a TypeError, because it is unknown which value is white. Floats that are 8-bit values raise a ValueError, and floats
+    of which most are above white cause a UserWarning.
     """
     found = _found(value, name, shape)
     if found.dtype.kind not in "iu":
-        return np.ascontiguousarray(found, dtype=np.float32)
+        found = np.ascontiguousarray(found, dtype=np.float32)
+        largest = found.max(initial=0.0, where=np.isfinite(found))
+        if largest >= 2 and (found == np.rint(found)).all():
+            raise ValueError(f"{name}: expected floats from 0 to 1, found whole numbers up to {largest:g}: divide 8-bit values by 255")
+        if 2 * np.count_nonzero(found > 1) > np.count_nonzero(found):
+            warnings.warn(f"{name}: most values are above 1, which is white; the largest is {largest:g}", stacklevel=2)
+        return found
     if found.dtype not in (np.uint8, np.uint16):
         raise TypeError(f"{name}: expected a picture of floats from 0 to 1, of uint8 or of uint16, found {found.dtype}")
     return np.ascontiguousarray(found, dtype=np.float32) / np.float32(np.iinfo(found.dtype).max)

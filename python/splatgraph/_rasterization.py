@@ -339,7 +339,7 @@ def _harmonics(colors: np.ndarray, sh_degree: int | None, is_shown: bool) -> Ite
         three = np.zeros((len(colors), 3), np.float32)
         three[:, : channels - first] = colors[:, first : first + 3] if is_shown else 0.0
         # Colours of splats are clamped at 0, so negative ones are shifted.
-        least = three.min(axis=0, initial=0.0)
+        least = three.min(axis=0, initial=0.0, where=np.isfinite(three))
         yield first, ((three - least - 0.5) / SH_0)[:, None], least
 
 

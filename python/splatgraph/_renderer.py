@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import collections
 import dataclasses
+import math
 import operator
 import os
 import threading
@@ -169,6 +170,8 @@ class Renderer:
     def __setattr__(self, name: str, value: Any) -> None:
         if name in _CHANGES:
             raise AttributeError(f"{name}: cannot be assigned; call {_CHANGES[name]}")
+        if not name.startswith("_") and name not in ("size", "background"):
+            raise AttributeError(f"{name}: a Renderer has no such attribute; for a parameter of the graph, call set({name}={value!r})")
         if name == "size" and value is not None:
             value = pair_of_sides(value, "size")
         if name == "background":
@@ -194,7 +197,7 @@ class Renderer:
             DeviceError: the device failed.
             Error: the camera's projection is not the graph's, or the renderer is closed.
         """
-        drawn = self._submit(camera, outputs).result()
+        drawn = self._submit(camera, _names(outputs)).result()
         return drawn[0] if outputs is None else drawn
 
     @overload
@@ -209,12 +212,13 @@ class Renderer:
         Up to `ahead` further pictures are requested in advance, so the device draws while Python works. If `cameras` raises an exception,
         the pictures of the cameras before it come first, and then the exception.
         """
+        names = _names(outputs)
         pending: collections.deque[_native.Pending] = collections.deque()
         failure = None
         source = iter(cameras)
         while True:
             try:
-                pending.append(self._submit(next(source), outputs))
+                pending.append(self._submit(next(source), names))
             except StopIteration:
                 break
             except Exception as error:
@@ -229,12 +233,11 @@ class Renderer:
         if failure is not None:
             raise failure
 
-    def _submit(self, camera: Camera, outputs: str | Sequence[str] | None) -> _native.Pending:
+    def _submit(self, camera: Camera, outputs: list[str]) -> _native.Pending:
         size = self.size
         if size is not None and size != (camera.width, camera.height):
             camera = camera.resized(*size)
-        names = [outputs] if isinstance(outputs, str) else list(outputs or ())
-        return self._engine.submit(camera, self.background, names)
+        return self._engine.submit(camera, self.background, outputs)
 
     @property
     def scene(self) -> Scene:
@@ -280,7 +283,11 @@ class Renderer:
             self._pipeline, self._set = name, wanted
 
     def show(self, scene: Scene) -> None:
-        """Draws another scene from now on."""
+        """Draws another scene from now on.
+
+        A scene with another number of splats compiles most shaders again. For scenes that follow each other, pad the arrays to one number
+        with splats of opacity 0, which change no pixel.
+        """
         with self._changing:
             self._engine.set_scene(scene)
             self._scene = scene
@@ -314,11 +321,20 @@ class Renderer:
         return self.size or (960, 540)
 
 
+def _names(outputs: str | Iterable[str] | None) -> list[str]:
+    return [outputs] if isinstance(outputs, str) else list(outputs or ())
+
+
 def _color(color: Any) -> tuple[float, float, float]:
     try:
-        red, green, blue = map(float, color)
+        red, green, blue = found = tuple(map(float, color))
     except (TypeError, ValueError):
         raise TypeError(f"background: expected three numbers, red, green and blue, found {color!r}") from None
+    if not all(map(math.isfinite, found)):
+        raise ValueError(f"background: expected finite numbers, found {color!r}")
+    # Other values above 1 may mark the background, but three whole numbers up to 255 are probably 8-bit values.
+    if max(found) >= 2 and all(value.is_integer() and 0 <= value <= 255 for value in found):
+        raise ValueError(f"background: expected values from 0 to 1 (255 is 1), found {color!r}")
     return red, green, blue
 
 

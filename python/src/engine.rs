@@ -85,6 +85,7 @@ impl Engine {
         validation: bool,
     ) -> PyResult<Engine> {
         crate::configure();
+        wait::pool()?;
         let api = backend.map_or_else(|| Ok(Api::default()), Api::parse);
         let api = api.map_err(|error| PyValueError::new_err(format!("backend: {error}")))?;
         let validation = if validation { Validation::On } else { Validation::Off };

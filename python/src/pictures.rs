@@ -1,7 +1,7 @@
 //! Compares and encodes pictures.
 
 use crate::arrays::take_picture;
-use crate::errors;
+use crate::{errors, wait};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -20,6 +20,7 @@ use splatgraph_reference::metrics;
 pub fn compare<'py>(a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     let py = a.py();
     let (a, b) = (take_picture(a, "a", None)?, take_picture(b, "b", None)?);
+    wait::pool()?;
     let comparison = py
         .detach(|| metrics::compare((&a).into(), (&b).into()))
         .map_err(|e| PyValueError::new_err(e.to_string()))?;

@@ -115,6 +115,7 @@ impl Scene {
             }
         };
         let degree = degree as u32;
+        wait::pool()?;
         let made = py.detach(|| match &means {
             Means::Single(means) => assets::Scene::try_generate(splats, degree, |index| Splat {
                 position: three(&means.values, index),

@@ -60,6 +60,7 @@ fn run<T: Send + 'static>(
     progress: Option<&Bound<'_, PyAny>>,
     study: impl FnOnce(&mut dyn Listener) -> Result<T, StudyError> + Send + 'static,
 ) -> PyResult<(T, Vec<String>)> {
+    wait::pool()?;
     let (sender, mut receiver) = std::sync::mpsc::channel();
     let thread = std::thread::Builder::new().name("splatgraph".into()).spawn(move || {
         let found = study(&mut Reporter(sender.clone()));
@@ -87,9 +88,12 @@ fn run<T: Send + 'static>(
     found.map(|found| (found, messages))
 }
 
-/// Waits for the threads of all studies, at the end of the process.
+/// Waits for the threads of all studies, at the end of the process. Does nothing in a fork, which lacks them.
 #[pyfunction]
 pub fn _join_studies(py: Python<'_>) {
+    if wait::pool().is_err() {
+        return;
+    }
     let threads = std::mem::take(&mut *THREADS.lock().unwrap_or_else(PoisonError::into_inner));
     // The panic hook has already printed the message of a panic.
     py.detach(|| threads.into_iter().for_each(|thread| drop(thread.join())));

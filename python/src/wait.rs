@@ -2,6 +2,7 @@
 
 use crate::errors::Error;
 use pyo3::prelude::*;
+use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::Builder;
 use std::time::Duration;
@@ -9,12 +10,22 @@ use std::time::Duration;
 /// Interval at which Python is polled for signals.
 const ASK_EVERY: Duration = Duration::from_millis(50);
 
+/// Checks that this process may use the pool of threads on which scenes and pictures are processed.
+///
+/// # Errors
+/// This process is a fork of one that used the pool.
+pub fn pool() -> PyResult<()> {
+    static OWNER: OnceLock<Owner> = OnceLock::new();
+    OWNER.get_or_init(Owner::current).check()
+}
+
 /// Runs `work` on its own thread and returns its result.
 ///
 /// # Errors
-/// The thread cannot be started, or the errors of [`receive`]. After an interruption, the thread finishes its work, and
-/// the result is dropped.
+/// The errors of [`pool`] and [`receive`], or the thread cannot be started. After an interruption, the thread finishes
+/// its work, and the result is dropped.
 pub fn run<T: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> T + Send + 'static) -> PyResult<T> {
+    pool()?;
     let (sender, mut receiver) = channel();
     Builder::new().name("splatgraph".into()).spawn(move || {
         // After an interruption, the receiver is gone.
@@ -23,7 +34,7 @@ pub fn run<T: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> T + Send + 
     receive(py, &mut receiver)
 }
 
-/// The process that started a thread. A fork copies handles and channels, but not the thread: a wait for it would hang.
+/// The process that started threads. A fork copies handles and channels, but not the threads: a wait would hang.
 #[derive(Clone, Copy)]
 pub struct Owner(u32);
 
@@ -44,8 +55,8 @@ impl Owner {
         match self.is_current() {
             true => Ok(()),
             false => Err(Error::new_err(format!(
-                "expected a call in process {}, which opened the device, found one in its fork {}: start workers with \
-                 `spawn`, or open the renderer in the worker",
+                "expected a call in process {}, whose threads do the work, found one in its fork {}: start workers with \
+                 `spawn` or `forkserver`",
                 self.0,
                 std::process::id()
             ))),

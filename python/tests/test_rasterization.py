@@ -176,6 +176,15 @@ def test_without_a_splat_that_can_be_drawn_the_background_is_left(missing):
     assert drawn.shape == (1, 12, 16, 4) and (drawn == [0.25, 0.5, 0.75, 0]).all() and not alphas.any()
 
 
+def test_a_colour_that_is_no_number_costs_one_splat():
+    means, quats, scales, opacities, colors = random_splats(5)
+    colors[5, 0] = np.nan
+    others = [np.delete(array, 5, axis=0) for array in (means, quats, scales, opacities, colors)]
+    K = intrinsics(32, 24, 25)
+    pictures = [rasterization(*arrays, np.eye(4)[None], K[None], 32, 24)[0] for arrays in ((means, quats, scales, opacities, colors), others)]
+    assert np.array_equal(*pictures) and pictures[0].any()
+
+
 def test_shapes_are_gsplats_with_batches_and_cameras_and_colours_of_each():
     one, other = random_splats(6), random_splats(7)
     batched = [np.stack([a, b]) for a, b in zip(one, other)]

@@ -213,6 +213,10 @@ def test_the_size_and_the_background_are_the_renderers(scene, camera):
     drawn = renderer.render(camera)
     assert drawn.shape == (24, 32, 3)
     assert drawn[..., 2].mean() > Renderer(scene, size=(32, 24)).render(camera)[..., 2].mean()
+    for color, why in (((255, 255, 255), "255 is 1"), ((0, float("nan"), 0), "finite")):
+        with pytest.raises(ValueError, match=why):
+            renderer.background = color
+    renderer.background = (-1, 1000, 0)
 
 
 def test_other_outputs_come_with_the_picture(scene, camera):
@@ -225,7 +229,7 @@ def test_other_outputs_come_with_the_picture(scene, camera):
         }  # fmt: skip
         assert found["depth"].max() > 1 and found["index"].min() < len(scene)
         # Requests with other outputs, also from other threads, do not affect each other.
-        plain, both = renderer.render_many([camera] * 3), renderer.render_many([camera] * 3, outputs="depth")
+        plain, both = renderer.render_many([camera] * 3), renderer.render_many([camera] * 3, outputs=iter(["depth"]))
         for one, (two, others) in zip(plain, both, strict=True):
             np.testing.assert_array_equal(one, picture)
             assert list(others) == ["depth"] and np.array_equal(others["depth"], found["depth"])
@@ -247,6 +251,8 @@ def test_what_changes_a_renderer_only_by_a_call_cannot_be_assigned(scene):
         renderer.pipeline = "splat"
     with pytest.raises(AttributeError, match=r"budget: cannot be assigned; call Renderer.set\(budget=0.1\)"):
         renderer.params.budget = 0.1
+    with pytest.raises(AttributeError, match=r"a Renderer has no such attribute; for a parameter of the graph, call set\(budget=0.1\)"):
+        renderer.budget = 0.1
     for size in ("64x48", 64, (1, 2, 3)):
         with pytest.raises(TypeError, match="size: expected a width and a height in pixels, found"):
             renderer.size = size
@@ -392,12 +398,21 @@ sys.path.insert(0, {tests!r})
 from conftest import random_splats
 renderer = splatgraph.Renderer(splatgraph.Scene.from_arrays(*random_splats(7, 300, 1)))
 camera = splatgraph.Camera.look_at((0, 0, -2), (0, 0, 4), size=(16, 16))
+picture = renderer.render(camera)
+calls = [
+    lambda: renderer.render(camera),
+    lambda: splatgraph.Renderer(renderer.scene),
+    lambda: splatgraph.Scene.from_arrays(*random_splats(7, 300, 1)),
+    lambda: splatgraph.Scene.load("scene.ply"),
+    lambda: splatgraph.compare(picture, picture),
+]
 child = os.fork()
 if child == 0:
-    try:
-        renderer.render(camera)
-    except splatgraph.Error as error:
-        print(error, flush=True)
+    for call in calls:
+        try:
+            call()
+        except splatgraph.Error as error:
+            print(error, flush=True)
     sys.exit()
 os.waitpid(child, 0)
 renderer.render(camera)
@@ -405,10 +420,13 @@ renderer.render(camera)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
-def test_a_forked_process_is_told_that_it_has_no_device():
+def test_a_forked_process_is_told_that_it_has_neither_device_nor_threads():
     program = FORKED.format(tests=str(ROOT / "python/tests"))
     process = subprocess.run([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, timeout=60, check=True)
-    assert process.stdout.startswith("expected a call in process") and "start workers with `spawn`" in process.stdout
+    lines = process.stdout.splitlines()
+    assert len(lines) == 5
+    for line in lines:
+        assert line.startswith("expected a call in process") and line.endswith("start workers with `spawn` or `forkserver`")
 
 
 def test_a_camera_that_looks_at_its_own_position_is_refused():
@@ -464,6 +482,10 @@ def test_pictures_of_integers_are_floats_of_which_the_maximum_is_white(scene, ca
         assert splatgraph.png(rounded) == splatgraph.png(rounded / np.float32(most))
     with pytest.raises(TypeError, match="b: expected a picture of floats from 0 to 1, of uint8 or of uint16, found int64"):
         splatgraph.compare(picture, (picture * 255).astype(np.int64))
+    with pytest.raises(ValueError, match="divide 8-bit values by 255"):
+        splatgraph.compare(picture, np.rint(picture * 255))
+    with pytest.warns(UserWarning, match="most values are above 1"):
+        splatgraph.compare(picture, picture * 255)
 
 
 def test_equal_pictures_are_identical_and_others_measured():

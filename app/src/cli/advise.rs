@@ -235,10 +235,7 @@ fn command(args: &Args, is_one: bool, found: &Tried, (tried, device): (&[Tried],
     for root in planner::settings().include_roots {
         ["--include-root", &root.display().to_string()].into_iter().for_each(&mut add);
     }
-    if args.load.ignore_tags {
-        add("--ignore-tags");
-    }
-    args.load.level.iter().for_each(|level| ["--level", &level.to_string()].into_iter().for_each(&mut add));
+    args.load.words().iter().for_each(|word| add(word));
     args.scene.iter().for_each(|path| add(&path.display().to_string()));
     args.drawing.cameras.iter().for_each(|cameras| ["-c", cameras].into_iter().for_each(&mut add));
     if args.drawing.ignore_distortion {

@@ -247,6 +247,7 @@ pub fn claim_photographs(guard: &mut OutputGuard, folder: &Path, views: &[View])
 mod tests {
     use super::*;
     use crate::draw::render_command;
+    use crate::io::load::LoadOptions;
     use proptest::prelude::*;
     use splatgraph_assets::synth;
 
@@ -320,7 +321,7 @@ mod tests {
             };
             let camera = camera.rounded();
             let [scene, output] = ["scene.ply", "out.png"].map(Path::new);
-            let line = render_command::line(scene, &camera, "tiled", [], [0.0; 3], output);
+            let line = render_command::line((scene, &LoadOptions::default()), &camera, "tiled", [], [0.0; 3], output);
             // Starting a shell for each of hundreds of lines would be slow.
             let json = line.split("--cameras '").nth(1).and_then(|rest| rest.split("' --size").next());
             let json = json.expect("a quoted word").replace("'\\''", "'");

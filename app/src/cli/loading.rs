@@ -55,7 +55,7 @@ pub fn load_scene(path: &Path, load: &LoadOptions) -> Result<Scene> {
 /// Loads a scene; see [`load_any_unless`]. Fails soon after `cancel` becomes true, and for a file with only a mesh.
 pub fn load_scene_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> Result<Scene> {
     match load_any_unless(cancel, path, load)? {
-        Content::Splats(scene) => Ok(*scene),
+        Content::Splats(scene) => load.kept(path, *scene),
         Content::Mesh(_) => bail!(LoadError { path: path.to_owned(), problem: SceneError::MeshAlone }),
     }
 }
@@ -108,47 +108,53 @@ pub fn nearby(error: &LoadError) -> Option<PathBuf> {
 /// Loads the scene at `path`, or the demo scene for `None`. Returns the scene, its path, and the demo scene's camera;
 /// `None` for a scene at `path`.
 ///
-/// The demo scene is generated, and written to its path if possible, unless its file is intact. With a level, which
-/// the demo scene lacks, loading fails. Setting `cancel` stops the load of a scene file, but not of the demo scene.
+/// With a level, which the demo scene lacks, loading fails. Setting `cancel` stops the load of a scene file, but not of
+/// the demo scene.
 pub fn scene_or_demo(
     cancel: &AtomicBool,
     path: Option<&Path>,
     load: &LoadOptions,
 ) -> Result<(Scene, PathBuf, Option<Camera>)> {
     let Some(path) = path else {
-        let path = demo::path().context(
-            "the demo scene has no folder: set XDG_CACHE_HOME or HOME to an absolute path, or name a scene",
-        )?;
-        let intact = || {
-            ensure!(demo::is_intact(&path)?, "{} does not have the checksum in its name", path.display());
-            load_scene(&path, load)
-        };
-        if path.is_file() {
-            match intact() {
-                // A crash, a full disk or another program may have damaged the file.
-                Err(error) if load.level.is_none() => {
-                    say(format!("{error}; the demo scene is generated again"))
-                }
-                loaded => return Ok((loaded?, path, demo::camera())),
-            }
-        }
-        let bytes = info_span!("generate the demo scene").in_scope(demo::generate);
-        let bytes = bytes.map_err(|error| anyhow!("the demo scene cannot be generated: {error}"))?;
-        let scene = match output::write_bytes(&path, &bytes) {
-            Ok(()) => {
-                say(format!("the demo scene was generated into {}", path.display()));
-                load_scene(&path, load)?
-            }
-            // With a level, loading the file would have been an error, too.
-            Err(error) if load.level.is_some() => return Err(error.into()),
-            Err(error) => {
-                say(format!("the demo scene is generated at each use, because {error}"));
-                Scene::parse(&bytes, QUIET)?
-            }
-        };
-        return Ok((scene, path, demo::camera()));
+        let (scene, path) = demo(&load.file.into())?;
+        return Ok((load.kept(&path, scene)?, path, demo::camera()));
     };
     Ok((load_scene_unless(cancel, path, load)?, path.to_owned(), None))
+}
+
+/// Loads the demo scene. Generates it unless its file is intact, and writes it if possible.
+fn demo(load: &LoadOptions) -> Result<(Scene, PathBuf)> {
+    let path = demo::path().context(
+        "the demo scene has no folder: set XDG_CACHE_HOME or HOME to an absolute path, or name a scene",
+    )?;
+    let intact = || {
+        ensure!(demo::is_intact(&path)?, "{} does not have the checksum in its name", path.display());
+        load_scene(&path, load)
+    };
+    if path.is_file() {
+        match intact() {
+            // A crash, a full disk or another program may have damaged the file.
+            Err(error) if load.file.level.is_none() => {
+                say(format!("{error}; the demo scene is generated again"))
+            }
+            loaded => return Ok((loaded?, path)),
+        }
+    }
+    let bytes = info_span!("generate the demo scene").in_scope(demo::generate);
+    let bytes = bytes.map_err(|error| anyhow!("the demo scene cannot be generated: {error}"))?;
+    let scene = match output::write_bytes(&path, &bytes) {
+        Ok(()) => {
+            say(format!("the demo scene was generated into {}", path.display()));
+            load_scene(&path, load)?
+        }
+        // With a level, loading the file would have been an error, too.
+        Err(error) if load.file.level.is_some() => return Err(error.into()),
+        Err(error) => {
+            say(format!("the demo scene is generated at each use, because {error}"));
+            Scene::parse(&bytes, QUIET)?
+        }
+    };
+    Ok((scene, path))
 }
 
 const FRAMING: &str = "framing";

@@ -52,7 +52,8 @@ mod windowless;
 use crate::draw::planner::{self, GraphErrors};
 use crate::draw::session::SessionError;
 use crate::draw::shader_cache::ShaderCache;
-use crate::io::load::LoadOptions;
+use crate::io::condition::ConditionError;
+use crate::io::load::FileOptions;
 use crate::io::output::{self, say, say_styled, shell_word, terminal};
 use crate::io::program;
 use crate::io::timeline::Timeline;
@@ -132,7 +133,7 @@ struct Cli {
     include_root: Vec<PathBuf>,
     /// Accepted before the command's name, and passed to the arguments of the command.
     #[command(flatten)]
-    _load: LoadOptions,
+    _load: FileOptions,
 }
 
 #[derive(Debug, Subcommand)]
@@ -384,7 +385,7 @@ fn report(error: &anyhow::Error) -> u8 {
         }
         said = cause;
     }
-    if error.is::<Usage>() { 2 } else { 1 }
+    if error.is::<Usage>() || error.is::<ConditionError>() { 2 } else { 1 }
 }
 
 /// Parses the arguments of a command. The first word is the command's name.
@@ -444,7 +445,7 @@ mod tests {
             let Command::Info(args) = Cli::try_parse_from(line.split(' ')).expect(line).command else {
                 panic!("{line}: expected info")
             };
-            assert_eq!(args.load, LoadOptions { ignore_tags: true, level: Some(2) }, "{line}");
+            assert_eq!(args.load.file, FileOptions { ignore_tags: true, level: Some(2) }, "{line}");
         }
     }
 

@@ -59,12 +59,11 @@ impl ScenesArgs {
     fn options_of(&self, path: Option<&Path>) -> LoadOptions {
         let has_levels = |path: Option<&Path>| path.is_some_and(SceneHeader::has_levels);
         let others = || self.more.iter().map(|path| Some(path.as_path())).chain([self.scene.as_deref()]);
-        match self.load.level {
-            Some(_) if !has_levels(path) && others().any(has_levels) => {
-                LoadOptions { level: None, ..self.load }
-            }
-            _ => self.load,
+        let mut load = self.load.clone();
+        if load.file.level.is_some() && !has_levels(path) && others().any(has_levels) {
+            load.file.level = None;
         }
+        load
     }
 
     /// Rejects a first scene whose header shows that it is too large for the device.
@@ -104,10 +103,13 @@ impl ScenesArgs {
         for (index, path) in self.more.iter().enumerate() {
             let at = self.at.get(index).map(|at| (*at).into());
             let by = at.map(|translation| Similarity { translation, ..Similarity::IDENTITY });
-            match (loading::load_any_unless(cancel, path, &self.options_of(Some(path)))?, by) {
-                (Content::Splats(scene), Some(by)) => all.push(scene.transformed(&by)?),
-                (Content::Splats(scene), None) => all.push(*scene),
-                (Content::Mesh(mesh), by) => meshes.push((mesh, by.unwrap_or(Similarity::IDENTITY))),
+            let load = self.options_of(Some(path));
+            match loading::load_any_unless(cancel, path, &load)? {
+                Content::Splats(scene) => {
+                    let scene = load.kept(path, *scene)?;
+                    all.push(if let Some(by) = by { scene.transformed(&by)? } else { scene });
+                }
+                Content::Mesh(mesh) => meshes.push((mesh, by.unwrap_or(Similarity::IDENTITY))),
             }
         }
         let joined = match all.pop() {

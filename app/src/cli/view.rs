@@ -384,7 +384,7 @@ fn set_up(args: &Args, shell: &mut Shell, (width, _): (u32, u32)) -> Result<()> 
     if let Some(up) = args.up.as_ref().and_then(Up::direction) {
         viewer.set_up(up);
     }
-    viewer.set_load_options(args.load);
+    viewer.set_load_options(args.load.clone());
     viewer.background = args.background;
     (viewer.split, viewer.gain, viewer.scale) = (args.split, args.gain, args.scale);
     let compared = args.measure

@@ -8,8 +8,7 @@
 
 use crate::draw::facts;
 use crate::draw::planner::{GraphErrors, Planner};
-use crate::io::load::LoadOptions;
-use crate::io::output::shell_word;
+use crate::io::load::{FileOptions, LoadOptions};
 use serde::Serialize;
 use splatgraph_api::{Device, DeviceInfo, Heap};
 use splatgraph_assets::memory::display;
@@ -285,7 +284,9 @@ pub fn check_header(
     set: &[(String, String)],
 ) -> anyhow::Result<()> {
     let SceneHeader { count, stored_degree } = load.header(path)?;
-    if !may_exceed(count, facts::DEFAULT_SIZE, &device.facts, &device.heap) {
+    // The header does not show how many splats a condition leaves.
+    let may_exceed = || may_exceed(count, facts::DEFAULT_SIZE, &device.facts, &device.heap);
+    if load.condition.is_some() || !may_exceed() {
         return Ok(());
     }
     let target = Target::of(device);
@@ -314,7 +315,7 @@ pub fn check(wanted: &Wanted, device: &Target, path: &Path, load: &LoadOptions) 
     }
 }
 
-/// Finds a condition of `convert --where` that keeps at most `most` of `count` splats, spread over the whole file. Also
+/// Finds a condition of `--where` that keeps at most `most` of `count` splats, spread over the whole file. Also
 /// returns the number of splats that it keeps. `most` must be below `count`, and above 0.
 fn evenly(count: u64, most: u64) -> (String, u64) {
     const LONGEST: u64 = 10;
@@ -337,24 +338,21 @@ fn loading(bytes: u64) -> String {
 }
 
 impl Fit {
-    /// Returns a line that names a coarser level with few enough splats, or else a command that removes splats.
+    /// Returns a line that names a coarser level with few enough splats, or else an option that leaves out splats.
     ///
-    /// Empty if no number of splats is known to fit. The scene at `path` was loaded with `load`.
+    /// Empty if no number of splats is known to fit, or splats are left out already. The scene at `path` was loaded
+    /// with `load`.
     pub fn advice(&self, path: &Path, load: &LoadOptions) -> String {
-        let Some(most) = self.most_splats else { return String::new() };
-        let coarser = load.level.unwrap_or(0).saturating_add(1)..;
-        let count =
-            |level| Some((level, LoadOptions { level: Some(level), ..*load }.header(path).ok()?.count));
+        let Some(most) = self.most_splats.filter(|_| load.condition.is_none()) else { return String::new() };
+        let FileOptions { ignore_tags, level } = load.file;
+        let coarser = level.unwrap_or(0).saturating_add(1)..;
+        let options = |level| LoadOptions::from(FileOptions { ignore_tags, level: Some(level) });
+        let count = |level| Some((level, options(level).header(path).ok()?.count));
         if let Some((level, count)) = coarser.map_while(count).find(|(_, count)| *count <= most) {
             return format!("  `--level {level}` has {}\n", grouped(count));
         }
-        let level = load.level.map_or_else(String::new, |level| format!(" --level {level}"));
         let (condition, kept) = evenly(self.splats, most);
-        let path = shell_word(&path.to_string_lossy());
-        format!(
-            "  `splatgraph convert{level} {path} fewer.ply --where '{condition}'` keeps {}, evenly\n",
-            grouped(kept)
-        )
+        format!("  `--where '{condition}'` keeps {}, evenly\n", grouped(kept))
     }
 }
 
@@ -423,11 +421,11 @@ mod tests {
         let text = fit.to_string();
         assert!(text.contains("`splats`: expected at most 128.0 MiB, found 152.6 MiB"), "{text}");
         assert!(text.contains("splats would fit\n"), "{text}");
-        let advice =
-            |level| fit.advice(Path::new("my city.ply"), &LoadOptions { level, ..LoadOptions::default() });
-        let expected = "  `splatgraph convert 'my city.ply' fewer.ply --where 'index % 6 < 5'` keeps 4,166,667, evenly\n";
-        assert_eq!(advice(None), expected);
-        assert_eq!(advice(Some(1)), expected.replace("convert", "convert --level 1"));
+        let advice = |load: &LoadOptions| fit.advice(Path::new("city.ply"), load);
+        let load = LoadOptions::default();
+        assert_eq!(advice(&load), "  `--where 'index % 6 < 5'` keeps 4,166,667, evenly\n");
+        let fewer = LoadOptions { condition: Some("x > 0".parse().unwrap()), ..load };
+        assert_eq!(advice(&fewer), "", "another condition would have to imply this one");
         let (_, fit) = fit_of("splat", most, &Target::nominal());
         assert!(fit.fits && fit.to_string().contains("splats fit, with"), "{fit}");
     }

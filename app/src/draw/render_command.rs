@@ -3,15 +3,16 @@
 //! The command contains the camera as JSON, in world coordinates, with all digits.
 
 use crate::draw::planner;
+use crate::io::load::LoadOptions;
 use crate::io::output::shell_word;
 use splatgraph_assets::Camera;
 use std::path::Path;
 
-/// Formats the command for a POSIX shell. `camera` is in world coordinates and has the size of the picture. `graph` is
+/// Formats the command for a POSIX shell. `load` are the options with which the scene was loaded. `camera` is in world coordinates and has the size of the picture. `graph` is
 /// the name of a built-in graph, or a path; `set` has its parameter values, as pairs of name and value. `background` is
 /// display-encoded. The command writes the picture to `output`.
 pub fn line<'a>(
-    scene: &Path,
+    (scene, load): (&Path, &LoadOptions),
     camera: &Camera,
     graph: &str,
     set: impl IntoIterator<Item = (&'a str, &'a str)>,
@@ -21,6 +22,7 @@ pub fn line<'a>(
     // `cameras.json` is a list.
     let camera_json = serde_json::to_string(&[camera]).unwrap_or_default();
     let mut words = vec!["splatgraph".to_owned(), "render".to_owned(), file(scene)];
+    words.extend(load.words());
     let mut add = |option: &str, value: String| words.extend([option.to_owned(), value]);
     add("--cameras", camera_json);
     // Redundant, because the camera has this size, but easier to edit than the JSON.
@@ -44,6 +46,7 @@ fn file(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::io::load::FileOptions;
 
     #[test]
     fn every_input_of_the_picture_is_in_the_command_and_words_are_quoted() {
@@ -53,7 +56,9 @@ mod tests {
         };
         let set = [("cutoff", "3.0"), ("mode", "a b")];
         let [scene, output] = ["-a scene.ply", "picture.png"].map(Path::new);
-        let line = line(scene, &camera, "tiled", set, [0.25, 0.1, 1.0], output);
+        let condition = Some("x < 2".parse().unwrap());
+        let load = LoadOptions { file: FileOptions { ignore_tags: true, level: Some(1) }, condition };
+        let line = line((scene, &load), &camera, "tiled", set, [0.25, 0.1, 1.0], output);
         let words = format!("printf '%s\\n' {}", line.strip_prefix("splatgraph render ").unwrap());
         let output = std::process::Command::new("sh").args(["-c", &words]).output().unwrap();
         let text = String::from_utf8(output.stdout).unwrap();
@@ -63,6 +68,11 @@ mod tests {
             words,
             [
                 "./-a scene.ply",
+                "--ignore-tags",
+                "--level",
+                "1",
+                "--where",
+                "x < 2",
                 "--cameras",
                 &json,
                 "--size",

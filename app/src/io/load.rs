@@ -1,13 +1,16 @@
-//! Loads scenes, at a level of detail, and with or without the tags of their files.
+//! Loads scenes: at a level of detail, with or without the tags of their files, and only the splats of a condition.
 
-use splatgraph_assets::{Content, LoadError, Progress, Scene, SceneHeader};
+use crate::io::condition::Condition;
+use crate::io::losses;
+use crate::io::output::say;
+use splatgraph_assets::{Content, LoadError, Progress, Scene, SceneHeader, grouped};
 use std::path::Path;
 
-/// Options of loading scenes.
+/// Options of reading scene files.
 ///
 /// They may come before or after the name of a command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, clap::Args)]
-pub struct LoadOptions {
+pub struct FileOptions {
     /// Draw scenes by the published rules, regardless of the tags in their files
     ///
     /// Tags are the filter of the training, the order of the splats, and the direction up: see `splatgraph info`. --set
@@ -21,35 +24,83 @@ pub struct LoadOptions {
     pub level: Option<u32>,
 }
 
+/// Options of loading scenes.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct LoadOptions {
+    /// How the files are read.
+    #[command(flatten)]
+    pub file: FileOptions,
+    /// Leave out the splats for which this expression is false, for instance 'opacity > 0.05 && x < 2'
+    ///
+    /// The names are those of `splatgraph convert --where`: x, y, z, opacity, scale_min, scale_max, red, green, blue
+    /// and index. Each scene file is loaded whole, and its splats are then left out before --at moves it. Outputs and
+    /// selections count the splats that are left.
+    #[arg(long = "where", value_name = "EXPRESSION", allow_hyphen_values = true)]
+    pub condition: Option<Condition>,
+}
+
+impl From<FileOptions> for LoadOptions {
+    fn from(file: FileOptions) -> LoadOptions {
+        LoadOptions { file, condition: None }
+    }
+}
+
 impl LoadOptions {
-    /// Reads the header of a scene file.
+    /// Reads the header of a scene file, which counts all of its splats.
     ///
     /// # Errors
     /// See [`SceneHeader::load_level`].
     pub fn header(&self, path: &Path) -> Result<SceneHeader, LoadError> {
-        SceneHeader::load_level(path, self.level)
+        SceneHeader::load_level(path, self.file.level)
     }
 
-    /// Loads a scene.
+    /// Loads a scene, and reports how many splats the condition leaves out.
     ///
     /// # Errors
-    /// See [`Scene::load_level`].
-    pub fn scene(&self, path: &Path, progress: Progress) -> Result<Scene, LoadError> {
-        Ok(self.tagged(Scene::load_level(path, self.level, progress)?))
+    /// See [`Scene::load_level`] and [`Condition::kept`].
+    pub fn scene(&self, path: &Path, progress: Progress) -> anyhow::Result<Scene> {
+        self.kept(path, self.tagged(Scene::load_level(path, self.file.level, progress)?))
     }
 
-    /// Loads a scene, or a mesh that is drawn together with one.
+    /// Loads a scene with all its splats, or a mesh that is drawn together with one.
     ///
     /// # Errors
     /// See [`Scene::load_any`].
     pub fn any(&self, path: &Path, progress: Progress) -> Result<Content, LoadError> {
-        Ok(match Scene::load_any(path, self.level, progress)? {
+        Ok(match Scene::load_any(path, self.file.level, progress)? {
             Content::Splats(scene) => Content::Splats(self.tagged(*scene).into()),
             mesh => mesh,
         })
     }
 
+    /// Leaves out the splats that do not satisfy the condition, and reports their number.
+    ///
+    /// # Errors
+    /// See [`Condition::kept`].
+    pub fn kept(&self, path: &Path, scene: Scene) -> anyhow::Result<Scene> {
+        let Some(condition) = &self.condition else { return Ok(scene) };
+        let before = scene.count();
+        let scene = condition.kept(scene)?;
+        let left_out = before - scene.count();
+        say(format!(
+            "{}: --where leaves out {left_out} of {}",
+            path.display(),
+            losses::splats(before.into())
+        ));
+        Ok(scene)
+    }
+
+    /// Returns the words of a command line that give these options.
+    pub fn words(&self) -> Vec<String> {
+        let FileOptions { ignore_tags, level } = self.file;
+        let ignore_tags = ignore_tags.then(|| vec!["--ignore-tags".to_owned()]);
+        let level = level.map(|level| vec!["--level".to_owned(), level.to_string()]);
+        let condition = self.condition.as_ref();
+        let condition = condition.map(|condition| vec!["--where".to_owned(), condition.to_string()]);
+        [ignore_tags, level, condition].into_iter().flatten().flatten().collect()
+    }
+
     fn tagged(&self, scene: Scene) -> Scene {
-        if self.ignore_tags { scene.without_tags() } else { scene }
+        if self.file.ignore_tags { scene.without_tags() } else { scene }
     }
 }

@@ -1,5 +1,6 @@
 //! Reads the program's inputs, and writes its outputs.
 
+pub mod condition;
 pub mod demo;
 pub mod film;
 pub(crate) mod folders;

@@ -133,7 +133,7 @@ impl Opening {
     /// The system cannot start a thread. The previous request is cancelled even then.
     pub fn open_scene(&mut self, id: RendererId, path: &Path) -> Result<(), String> {
         self.newest += 1;
-        let load = self.load;
+        let load = self.load.clone();
         self.scenes[index(id)].start(self.newest, path, move |path, is_cancelled| {
             let (begun, files) = (Instant::now(), files(path));
             let progress =

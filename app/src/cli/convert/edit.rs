@@ -4,15 +4,14 @@ use crate::cli::loading;
 use crate::cli::look_at::direction;
 use crate::cli::outcome::Usage;
 use crate::draw::splat_set::SplatSet;
-use crate::io::load::LoadOptions;
+use crate::io::condition::{Condition, ConditionError};
+use crate::io::load::FileOptions;
 use crate::io::losses::{self, Original};
 use crate::io::output::{one_line, say};
 use anyhow::{Result, bail};
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
-use splatgraph_assets::{Camera, Filter, SH_C0, Scene, Similarity};
-use splatgraph_framework::expr::{Expr, ExprError, Scope};
-use splatgraph_framework::ir::Value;
+use splatgraph_assets::{Camera, Filter, Scene, Similarity};
 use std::path::PathBuf;
 
 /// The changes, applied in the order of these options.
@@ -46,7 +45,7 @@ pub struct EditArgs {
     /// green, blue (band 0, 0 to 1 and beyond), index (as of --keep: in IN and the scenes of --merge, before other
     /// changes). Operators and functions are those of expressions in graphs, but `/` divides whole numbers as floats:
     /// 1/2 is 0.5.
-    #[arg(long = "where", value_name = "EXPRESSION", allow_hyphen_values = true, value_parser = condition)]
+    #[arg(long = "where", value_name = "EXPRESSION", allow_hyphen_values = true)]
     condition: Option<Condition>,
     /// Order of the splats: `file`, or `morton`, which stores neighbours in space near each other
     #[arg(long, value_name = "ORDER", default_value = "file", value_parser = ["file", "morton"])]
@@ -64,12 +63,6 @@ enum Tag {
 enum Crop {
     Box([DVec3; 2]),
     Sphere(DVec3, f64),
-}
-
-#[derive(Clone, Debug)]
-struct Condition {
-    text: String,
-    expr: Expr,
 }
 
 /// Parses `KIND:NUMBERS`. Each entry of `kinds` is a name, the number of values, and an example.
@@ -146,66 +139,6 @@ impl Crop {
     }
 }
 
-struct Names<'a> {
-    scene: &'a Scene,
-    index: usize,
-    /// Index in the merged scene, before other options left out splats.
-    first_index: u32,
-}
-
-const NAMES: [&str; 10] =
-    ["x", "y", "z", "opacity", "scale_min", "scale_max", "red", "green", "blue", "index"];
-
-impl Scope for Names<'_> {
-    fn get(&self, name: &str) -> Option<Value> {
-        let (scene, index) = (self.scene, self.index);
-        let axis = |axis: usize| scene.world_position(index)[axis];
-        let scale = || scene.scales()[index].map(f64::from);
-        let color = |channel: usize| 0.5 + SH_C0 * f64::from(scene.splat(index).sh[channel]);
-        Some(Value::Float(match name {
-            "x" => axis(0),
-            "y" => axis(1),
-            "z" => axis(2),
-            "opacity" => scene.opacities()[index].into(),
-            "scale_min" => scale().into_iter().fold(f64::INFINITY, f64::min),
-            "scale_max" => scale().into_iter().fold(0.0, f64::max),
-            "red" => color(0),
-            "green" => color(1),
-            "blue" => color(2),
-            "index" => return Some(Value::Int(self.first_index.into())),
-            _ => return None,
-        }))
-    }
-
-    fn names(&self) -> Vec<String> {
-        NAMES.map(str::to_owned).into()
-    }
-}
-
-fn condition(text: &str) -> Result<Condition, String> {
-    let expr = Expr::parse(text).map_err(|error| place(text, &error))?;
-    Ok(Condition { text: text.to_owned(), expr: expr.dividing_as_floats() })
-}
-
-/// Formats an error in an expression: the column in `text`, and a suggestion.
-fn place(text: &str, error: &ExprError) -> String {
-    let column = text.get(..error.start).map_or(1, |before| before.chars().count() + 1);
-    let help = error.help.as_ref().map(|help| format!("; {help}")).unwrap_or_default();
-    format!("column {column} of `{text}`: {error}{help}")
-}
-
-impl Condition {
-    fn holds(&self, names: &Names) -> Result<bool, Usage> {
-        match self.expr.eval(names) {
-            Ok(Value::Bool(holds)) => Ok(holds),
-            Ok(other) => {
-                Err(Usage(format!("--where: expected a condition, found `{}`, which is {other}", self.text)))
-            }
-            Err(error) => Err(Usage(format!("--where: {}", place(&self.text, &error)))),
-        }
-    }
-}
-
 impl EditArgs {
     pub fn lists(&self) -> impl Iterator<Item = &PathBuf> {
         self.keep.iter().chain(&self.remove)
@@ -221,10 +154,10 @@ impl EditArgs {
     ///
     /// # Errors
     /// A scene cannot be loaded, or does not fit in memory.
-    pub fn merged(&self, scene: Scene, load: &LoadOptions) -> Result<(Scene, Vec<Original>)> {
+    pub fn merged(&self, scene: Scene, load: FileOptions) -> Result<(Scene, Vec<Original>)> {
         let mut all = vec![scene];
         for path in &self.merge {
-            all.push(loading::load_scene(path, load)?);
+            all.push(loading::load_scene(path, &load.into())?);
         }
         let originals = all.iter().map(Original::of).collect();
         let merged = if all.len() == 1 { all.remove(0) } else { Scene::joined(&all)? };
@@ -328,12 +261,12 @@ impl EditArgs {
             let kept = |index: u32| {
                 let at = index as usize;
                 let inside = self.crop.is_none_or(|crop| crop.has(scene.world_position(at).into()));
-                let names = || Names { scene: &scene, index: at, first_index: first_indices[at] };
+                let condition = self.condition.as_ref();
                 let holds =
-                    || self.condition.as_ref().map_or(Ok(true), |condition| condition.holds(&names()));
+                    || condition.map_or(Ok(true), |condition| condition.holds(&scene, at, first_indices[at]));
                 Ok((inside && holds()?).then_some(index))
             };
-            let kept: Result<Vec<Option<u32>>, Usage> =
+            let kept: Result<Vec<Option<u32>>, ConditionError> =
                 (0..scene.count()).into_par_iter().map(kept).collect();
             let kept: Vec<u32> = kept?.into_iter().flatten().collect();
             if kept.is_empty() {
@@ -363,7 +296,7 @@ mod tests {
     fn edit(words: &[&str]) -> Result<Scene, String> {
         let edit: EditArgs = parsed([&["convert"], words].concat()).map_err(|error| error.to_string())?;
         let scene = synth::generate("uniform", 400, 0).expect("a small scene");
-        let merged = edit.merged(scene, &LoadOptions::default());
+        let merged = edit.merged(scene, FileOptions::default());
         merged
             .and_then(|(merged, _)| edit.changed(merged))
             .map(|(scene, _)| scene)

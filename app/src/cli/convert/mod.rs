@@ -8,7 +8,7 @@ use super::options;
 use super::outcome::{Outcome, Usage};
 use super::stdout::Stdout;
 use crate::draw::{blind, camera};
-use crate::io::load::LoadOptions;
+use crate::io::load::FileOptions;
 use crate::io::losses::{self, Losses, Original};
 use crate::io::output::{OutputGuard, is_standard_output, say, shell_word};
 use crate::io::progress::Progress;
@@ -69,7 +69,7 @@ pub struct Args {
     #[command(flatten)]
     price: PriceArgs,
     #[command(flatten)]
-    load: LoadOptions,
+    load: FileOptions,
     // Its heading would apply to all arguments below.
     #[command(flatten)]
     edit: EditArgs,
@@ -138,8 +138,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Some(path) => Some((path, args.edit.moved(args.price.cameras()?)?)),
         None => None,
     };
-    let loaded = loading::load_scene(&args.input, &args.load)?;
-    let (merged, originals) = args.edit.merged(loaded, &args.load)?;
+    let loaded = loading::load_scene(&args.input, &args.load.into())?;
+    let (merged, originals) = args.edit.merged(loaded, args.load)?;
     let paths = [&args.input].into_iter().chain(&args.edit.merge);
     let names: Vec<String> = paths.map(|path| path.display().to_string()).collect();
     let originals: Vec<(&str, &Original)> = names.iter().map(String::as_str).zip(&originals).collect();

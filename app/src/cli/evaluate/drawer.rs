@@ -119,7 +119,8 @@ pub fn request(args: &Args) -> Json {
         "backend": args.backend.to_string(), "pipeline": graph,
         "set": args.set, "repeat": args.repeat, "downscale": args.downscale, "photographs": args.photographs.as_deref().map(options::text_of),
         "masks": args.masks.as_deref().map(options::text_of), "all": args.all,
-        "background": args.background, "ignore_tags": args.load.ignore_tags, "level": args.load.level,
+        "background": args.background, "ignore_tags": args.load.file.ignore_tags, "level": args.load.file.level,
+        "where": args.load.condition.as_ref().map(ToString::to_string),
     })
 }
 

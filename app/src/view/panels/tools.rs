@@ -6,6 +6,7 @@ use super::selection::Selection;
 use super::theme::Palette;
 use super::widgets::Control as _;
 use super::{Panels, cameras, contents, inspector, splat, timeline, times};
+use crate::io::output::shell_word;
 use crate::view::history::History;
 use crate::view::viewer::Viewer;
 use egui::{Frame, Rect, Response, Ui, WidgetText};
@@ -58,9 +59,15 @@ impl Panels {
             Tool::Picture => {}
             Tool::Parameters => {
                 let scene = viewer.scene_path_of(self.selected).display().to_string();
+                let load = viewer.load_options().words();
                 let Some(viewport) = viewer.viewport(self.selected) else { return };
                 let renderer = &mut viewport.renderer;
-                let command = format!("splatgraph render {scene} --pipeline {}", renderer.graph());
+                let words = [scene]
+                    .into_iter()
+                    .chain(load)
+                    .chain(["--pipeline".to_owned(), renderer.graph().to_owned()]);
+                let command =
+                    words.fold("splatgraph render".to_owned(), |line, word| line + " " + &shell_word(&word));
                 self.params.show(ui, renderer, &command);
             }
             Tool::Cameras => {

@@ -246,8 +246,9 @@ impl Viewer {
             camera = Camera { fx, fy, principal_offset, projection, ..camera };
         }
         let (scene, background) = (self.scene_path_of(id).to_owned(), self.background);
+        let load = self.opening.load.clone();
         let renderer = &self.viewport(id)?.renderer;
         let set = renderer.set().iter().map(|(name, value)| (name.as_str(), value.as_str()));
-        Some(render_command::line(&scene, &camera, renderer.graph(), set, background, output))
+        Some(render_command::line((&scene, &load), &camera, renderer.graph(), set, background, output))
     }
 }

@@ -61,6 +61,11 @@ impl Viewer {
         self.opening.load = load;
     }
 
+    /// Returns the options of all loads of scenes.
+    pub fn load_options(&self) -> &LoadOptions {
+        &self.opening.load
+    }
+
     /// Returns true if viewport B has its own scene.
     pub fn has_two_scenes(&self) -> bool {
         self.other.is_some()

@@ -203,7 +203,7 @@ impl Book {
             }
             Err(changes) => {
                 return Err(StudyError::Input(format!(
-                    "{shown}: expected a ledger of the same inputs, found one measured with another {}: name another folder, or delete this ledger",
+                    "{shown}: expected a ledger of the same inputs, found one measured with another {}: keep the new one elsewhere, or delete this one",
                     changes.join(" and another ")
                 )));
             }

@@ -103,7 +103,7 @@ fn a_ledger_goes_on_where_it_stopped_and_rows_of_other_inputs_are_not_lost() {
     let before = fs::read(&path).unwrap();
     let refused = |origin: Origin, what: &str| {
         let error = open(origin).err().expect("it is refused").to_string();
-        let why = format!("another {what}: name another folder, or delete this ledger");
+        let why = format!("another {what}: keep the new one elsewhere, or delete this one");
         assert!(error.contains("ledger.json: expected") && error.ends_with(&why), "{error}");
     };
     for (other, what) in [

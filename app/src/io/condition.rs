@@ -1,0 +1,120 @@
+//! Selects splats by a condition on their properties.
+
+use anyhow::{Result, bail};
+use rayon::prelude::*;
+use splatgraph_assets::{SH_C0, Scene};
+use splatgraph_framework::expr::{Expr, ExprError, Scope};
+use splatgraph_framework::ir::Value;
+use std::fmt;
+use std::str::FromStr;
+
+/// An expression that is true for the splats to keep, with the names of [`NAMES`].
+#[derive(Clone, Debug)]
+pub struct Condition {
+    text: String,
+    expr: Expr,
+}
+
+/// Names in a [`Condition`]: centre in the world, opacity of 0 to 1, standard deviations, band 0, and the index.
+const NAMES: [&str; 10] =
+    ["x", "y", "z", "opacity", "scale_min", "scale_max", "red", "green", "blue", "index"];
+
+/// Values of the names for one splat.
+struct Properties<'a> {
+    scene: &'a Scene,
+    at: usize,
+    /// Value of the name `index`.
+    index: u32,
+}
+
+impl Scope for Properties<'_> {
+    fn get(&self, name: &str) -> Option<Value> {
+        let (scene, at) = (self.scene, self.at);
+        let axis = |axis: usize| scene.world_position(at)[axis];
+        let scale = || scene.scales()[at].map(f64::from);
+        let color = |channel: usize| 0.5 + SH_C0 * f64::from(scene.splat(at).sh[channel]);
+        Some(Value::Float(match name {
+            "x" => axis(0),
+            "y" => axis(1),
+            "z" => axis(2),
+            "opacity" => scene.opacities()[at].into(),
+            "scale_min" => scale().into_iter().fold(f64::INFINITY, f64::min),
+            "scale_max" => scale().into_iter().fold(0.0, f64::max),
+            "red" => color(0),
+            "green" => color(1),
+            "blue" => color(2),
+            "index" => return Some(Value::Int(self.index.into())),
+            _ => return None,
+        }))
+    }
+
+    fn names(&self) -> Vec<String> {
+        NAMES.map(str::to_owned).into()
+    }
+}
+
+/// Formats an error in an expression: the column in `text`, and a suggestion.
+fn place(text: &str, error: &ExprError) -> String {
+    let column = text.get(..error.start).map_or(1, |before| before.chars().count() + 1);
+    let help = error.help.as_ref().map(|help| format!("; {help}")).unwrap_or_default();
+    format!("column {column} of `{text}`: {error}{help}")
+}
+
+/// A condition that cannot be evaluated.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct ConditionError(String);
+
+impl FromStr for Condition {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Condition, String> {
+        let expr = Expr::parse(text).map_err(|error| place(text, &error))?;
+        Ok(Condition { text: text.to_owned(), expr: expr.dividing_as_floats() })
+    }
+}
+
+impl fmt::Display for Condition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
+}
+
+impl Condition {
+    /// Returns true if a splat satisfies the condition, in which the name `index` has the given value.
+    ///
+    /// # Errors
+    /// The condition has an unknown name or a wrong type, or divides a whole number by zero.
+    pub fn holds(&self, scene: &Scene, at: usize, index: u32) -> Result<bool, ConditionError> {
+        match self.expr.eval(&Properties { scene, at, index }) {
+            Ok(Value::Bool(holds)) => Ok(holds),
+            Ok(other) => Err(ConditionError(format!(
+                "--where: expected a condition, found `{}`, which is {other}",
+                self.text
+            ))),
+            Err(error) => Err(ConditionError(format!("--where: {}", place(&self.text, &error)))),
+        }
+    }
+
+    /// Copies the splats of a scene that satisfy the condition, in their order.
+    ///
+    /// # Errors
+    /// The condition cannot be evaluated, no splat satisfies it, or the copy does not fit in memory.
+    pub fn kept(&self, scene: Scene) -> Result<Scene> {
+        let holds = |index: u32| Ok(self.holds(&scene, index as usize, index)?.then_some(index));
+        let kept: Result<Vec<Option<u32>>, ConditionError> =
+            (0..scene.count()).into_par_iter().map(holds).collect();
+        let kept: Vec<u32> = kept?.into_iter().flatten().collect();
+        if kept.is_empty() {
+            let bounds = scene.bounds().in_world(scene.offset());
+            let count = scene.count();
+            bail!(
+                "expected --where to keep a splat, found none kept of {count}, which are in the box {bounds}"
+            );
+        }
+        if kept.len() == scene.count() as usize {
+            return Ok(scene);
+        }
+        Ok(scene.picked(&kept)?)
+    }
+}
