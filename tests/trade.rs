@@ -138,7 +138,7 @@ fn a_ledger_of_other_inputs_is_refused_and_rows_of_the_same_inputs_are_kept() {
 
     let before = place.bytes("ledger/ledger.json");
     place.done(&format!("{TRUTH} --background 1,1,1"));
-    let name_another = |what: &str| format!("measured with another {what}: name another folder");
+    let name_another = |what: &str| format!("measured with another {what}: keep the new one elsewhere");
     place.refuses(
         &short,
         &[

@@ -81,12 +81,8 @@ impl LoadOptions {
         let Some(condition) = &self.condition else { return Ok(scene) };
         let before = scene.count();
         let scene = condition.kept(scene)?;
-        let left_out = before - scene.count();
-        say(format!(
-            "{}: --where leaves out {left_out} of {}",
-            path.display(),
-            losses::splats(before.into())
-        ));
+        let (left_out, before) = (grouped((before - scene.count()).into()), losses::splats(before.into()));
+        say(format!("{}: --where leaves out {left_out} of {before}", path.display()));
         Ok(scene)
     }
 
