@@ -216,7 +216,10 @@ mod tests {
         let pooled = 20.0 + 10.0 * 2f64.log10();
         assert!(all.mean.pooled_psnr_db.is_some_and(|db| (db - pooled).abs() < 1e-4), "{all:?}");
         let text = all.table();
-        assert!(text.contains("c.jpg       inf  1.0000  0.0000") && text.contains("mean        inf"), "{text}");
+        assert!(
+            text.contains("c.jpg       inf  1.0000  0.0000") && text.contains("mean        inf"),
+            "{text}"
+        );
         assert!(text.contains("pooled    23.01                  PSNR of the mean squared error"), "{text}");
         let json = serde_json::to_value(&all).unwrap();
         assert_eq!((&json["views"][1]["psnr_db"], &json["mean"]["psnr_db"]), (&"inf".into(), &"inf".into()));
