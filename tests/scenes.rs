@@ -78,10 +78,15 @@ fn splats_that_a_condition_leaves_out_are_drawn_by_no_command() {
     let report: serde_json::Value = serde_json::from_str(&report).expect("JSON");
     let count = report["report"]["splats"].as_u64().expect("a number");
     assert!(said.contains(&format!("a.ply: --where leaves out {} of 3,000 splats", 3000 - count)), "{said}");
+    // What is known of the file stays.
+    let bytes = |line: &str| place.told(line)["size_breakdown"].clone();
+    assert_eq!(bytes(&format!("info a.ply --json {some}")), bytes("info a.ply --json"));
+    let (_, said) = place.said("render -o demo.npy --size 16x9 -p splat --where=index<10");
+    assert!(said.contains("--where leaves out 199,990 of 200,000 splats"), "{said}");
     place.refuses(
         "render a.ply -o no.png",
         &[
-            ("--where=opacity>2", 1, "expected --where to keep a splat, found none kept of 3000"),
+            ("--where=opacity>2", 1, "expected --where to keep a splat, found none kept of 3,000 splats"),
             ("--where=opacty>0", 2, "column 1 of `opacty>0`"),
             ("--where=opacity", 2, "expected a condition, found `opacity`, which is "),
             ("--where=opacity>", 2, "column "),

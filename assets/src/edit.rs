@@ -58,6 +58,17 @@ impl Scene {
         self.picked_as(indices, |_, splat| splat)
     }
 
+    /// Copies splats like [`Scene::picked`], with the sizes, comments and losses of the file that they were loaded from.
+    ///
+    /// # Errors
+    /// The copy does not fit in memory.
+    ///
+    /// # Panics
+    /// Panics if an index is not below [`Scene::count`].
+    pub fn selected(&self, indices: &[u32]) -> Result<Self, SceneMemoryError> {
+        Ok(self.picked(indices)?.with_file_of(self))
+    }
+
     /// Copies splats like [`Scene::picked`], and changes each with `change`.
     ///
     /// `change` gets each splat with its index in this scene. It must not change the position, and must keep the

@@ -212,14 +212,19 @@ impl Plan {
         used(&self.prologue).into_iter().filter(ends).collect()
     }
 
-    /// Returns true if a resource's contents persist from frame to frame: it has a history, or the prologue writes it
-    /// and frames write it, too.
+    /// Returns true if a resource's contents persist from frame to frame. It has a history, or both the prologue and
+    /// frames write it, and frames do not first overwrite it completely.
     pub fn is_state(&self, id: ResourceId) -> bool {
-        let writes = |pass: &PassId| {
-            self.pass(*pass).uses.iter().any(|touch| touch.resource == id && touch.accesses.writes())
+        let touches = |pass: &PassId, writes: bool| {
+            let mut uses = self.pass(*pass).uses.iter();
+            uses.any(|touch| touch.resource == id && (touch.accesses.writes() || !writes))
         };
+        let writes = |pass: &PassId| touches(pass, true);
+        let first = || self.frame.iter().find(|pass| touches(pass, false));
         self.resource(id).history.is_some()
-            || self.prologue.iter().any(writes) && self.frame.iter().any(writes)
+            || self.prologue.iter().any(writes)
+                && self.frame.iter().any(writes)
+                && !first().is_some_and(|pass| self.pass(*pass).overwrites(id))
     }
 
     /// Returns true if frames depend on the frames before them; see [`Plan::is_state`].

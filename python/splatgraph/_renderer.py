@@ -170,7 +170,7 @@ class Renderer:
     def __setattr__(self, name: str, value: Any) -> None:
         if name in _CHANGES:
             raise AttributeError(f"{name}: cannot be assigned; call {_CHANGES[name]}")
-        if not name.startswith("_") and name not in ("size", "background"):
+        if type(self) is Renderer and not name.startswith("_") and name not in ("size", "background") and not hasattr(Renderer, name):
             raise AttributeError(f"{name}: a Renderer has no such attribute; for a parameter of the graph, call set({name}={value!r})")
         if name == "size" and value is not None:
             value = pair_of_sides(value, "size")

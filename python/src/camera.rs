@@ -121,11 +121,12 @@ impl Camera {
     /// Makes a camera that frames most of a scene.
     #[staticmethod]
     #[pyo3(signature = (scene, size = (Side(960), Side(540))), text_signature = "(scene, size=(960, 540))")]
-    fn framing(scene: &Bound<'_, Scene>, size: (Side, Side)) -> Camera {
+    fn framing(scene: &Bound<'_, Scene>, size: (Side, Side)) -> PyResult<Camera> {
+        wait::pool()?;
         let scene = &scene.get().0;
         let (Side(width), Side(height)) = size;
         let camera = assets::Camera::framing(scene, width, height);
-        Camera(camera.in_world(scene.offset()))
+        Ok(Camera(camera.in_world(scene.offset())))
     }
 
     /// Loads cameras: a `cameras.json`, a `transforms.json`, a `camera_path.json`, a glTF file, or a folder with one
@@ -167,6 +168,7 @@ impl Camera {
         count: u32,
         closed: bool,
     ) -> PyResult<Vec<Camera>> {
+        wait::pool()?;
         let scene = &scene.get().0;
         let mut path = CameraPath::new(camera_path::length_of_radian(scene), scene.up());
         let keys = keys.iter().map(|key| key.0.relative_to(scene.offset())).collect();

@@ -405,6 +405,7 @@ calls = [
     lambda: splatgraph.Scene.from_arrays(*random_splats(7, 300, 1)),
     lambda: splatgraph.Scene.load("scene.ply"),
     lambda: splatgraph.compare(picture, picture),
+    lambda: splatgraph.Camera.framing(renderer.scene),
 ]
 child = os.fork()
 if child == 0:
@@ -424,7 +425,7 @@ def test_a_forked_process_is_told_that_it_has_neither_device_nor_threads():
     program = FORKED.format(tests=str(ROOT / "python/tests"))
     process = subprocess.run([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, timeout=60, check=True)
     lines = process.stdout.splitlines()
-    assert len(lines) == 5
+    assert len(lines) == 6
     for line in lines:
         assert line.startswith("expected a call in process") and line.endswith("start workers with `spawn` or `forkserver`")
 

@@ -1,5 +1,6 @@
 //! Loads scenes and their cameras, and reports what is unusual about them.
 
+use super::outcome;
 use crate::draw::blind::{self, View};
 use crate::draw::facts::{self, SceneFacts};
 use crate::io::demo;
@@ -116,14 +117,14 @@ pub fn scene_or_demo(
     load: &LoadOptions,
 ) -> Result<(Scene, PathBuf, Option<Camera>)> {
     let Some(path) = path else {
-        let (scene, path) = demo(&load.file.into())?;
+        let (scene, path) = load_demo(&load.file.into())?;
         return Ok((load.kept(&path, scene)?, path, demo::camera()));
     };
     Ok((load_scene_unless(cancel, path, load)?, path.to_owned(), None))
 }
 
 /// Loads the demo scene. Generates it unless its file is intact, and writes it if possible.
-fn demo(load: &LoadOptions) -> Result<(Scene, PathBuf)> {
+fn load_demo(load: &LoadOptions) -> Result<(Scene, PathBuf)> {
     let path = demo::path().context(
         "the demo scene has no folder: set XDG_CACHE_HOME or HOME to an absolute path, or name a scene",
     )?;
@@ -266,7 +267,10 @@ pub fn framing_at(scene: &Scene, size: Option<(u32, u32)>) -> Camera {
 
 /// Returns the facts and the imports of the scene at `path`, or of the nominal scene.
 pub fn scene_facts(path: Option<&Path>, load: &LoadOptions) -> Result<(SceneFacts, Catalog)> {
-    let Some(path) = path else { return Ok((SceneFacts::NOMINAL, lsp::nominal_catalog())) };
+    let Some(path) = path else {
+        outcome::refuse_without("a scene", &[("--where", load.condition.is_some())])?;
+        return Ok((SceneFacts::NOMINAL, lsp::nominal_catalog()));
+    };
     let scene = load_scene(path, load)?;
     Ok((SceneFacts::of(&scene), facts::catalog(&scene)))
 }

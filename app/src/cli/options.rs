@@ -17,7 +17,7 @@ use crate::studies::bench;
 use anyhow::{Context, Result};
 use clap::builder::{PossibleValue, TypedValueParser};
 use splatgraph_api::BackendError;
-use splatgraph_assets::{Camera, CameraError, Scene, SceneFormat, SceneHeader};
+use splatgraph_assets::{Camera, Scene, SceneFormat, SceneHeader};
 use std::ffi::{OsStr, OsString};
 use std::io::IsTerminal;
 use std::path::Path;
@@ -276,12 +276,6 @@ pub struct Drawing {
 impl Drawing {
     pub fn cameras(&self, scene: Option<&Path>) -> Result<Option<Vec<Camera>>> {
         super::cameras::load_sized(self.cameras.as_deref(), scene, self.size, self.ignore_distortion)
-    }
-
-    /// Reads the cameras of `--cameras`; `None` without it.
-    pub fn given_cameras(&self) -> Result<Option<Vec<Camera>>, CameraError> {
-        let parse = |spec: &str| super::cameras::parse(spec, self.ignore_distortion);
-        self.cameras.as_deref().map(parse).transpose()
     }
 }
 

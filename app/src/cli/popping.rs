@@ -33,7 +33,7 @@ use std::path::{Path, PathBuf};
 /// falls in proportion. An error that jumps falls less, so the ranking of graphs may change. The exact renderer draws
 /// in the published order, whose pop is therefore 0 by definition, although it pops where the depths of two splats
 /// cross. Frames are drawn once and in sequence, so `stale_order` uses the order of the previous frame of the path.
-/// Before, the first camera is drawn --warm-up times, from the start.
+/// The state begins anew in each path, and the first camera is drawn --warm-up times before.
 ///
 /// The default scene is the demo scene, which the first use generates. With one camera, or none, the path is a short
 /// orbit around the middle of the scene.

@@ -105,6 +105,8 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
         ("--size", args.size.is_some()),
     ];
     refuse_without("--photograph", &options)?;
+    let drops = args.load.condition.is_some() && args.enlarge.is_none();
+    refuse_without("--photograph or --enlarge", &[("--where", drops)])?;
     let Some(output) = &args.output else {
         return match (&args.name, &args.enlarge) {
             (None, None) => Ok(()),

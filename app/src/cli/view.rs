@@ -264,7 +264,8 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
 pub fn run(args: &Args) -> Result<Outcome> {
     check_files(args)?;
     args.check()?;
-    let cameras = args.drawing.given_cameras()?;
+    let parse = |spec: &str| cameras::parse(spec, args.drawing.ignore_distortion);
+    let cameras = args.drawing.cameras.as_deref().map(parse).transpose()?;
     let is_beside = cameras.is_none();
     let files = args.scene.as_deref().map_or_else(Vec::new, opening::files);
     let (scene, cameras) = scene_and_cameras(args, cameras)?;

@@ -20,7 +20,7 @@ use std::collections::VecDeque;
 /// Motion of a film's camera.
 #[derive(Clone, Debug)]
 pub enum Motion {
-    /// Through the keys of a path, at constant speed.
+    /// Through the keys of a path.
     Path(CameraPath),
     /// Once around an axis, at constant speed.
     Orbit(Orbit),

@@ -8,9 +8,11 @@ use crate::io::output::shell_word;
 use splatgraph_assets::Camera;
 use std::path::Path;
 
-/// Formats the command for a POSIX shell. `load` are the options with which the scene was loaded. `camera` is in world coordinates and has the size of the picture. `graph` is
-/// the name of a built-in graph, or a path; `set` has its parameter values, as pairs of name and value. `background` is
-/// display-encoded. The command writes the picture to `output`.
+/// Formats the command for a POSIX shell.
+///
+/// `load` are the options with which the scene was loaded. `camera` is in world coordinates and has the size of the
+/// picture. `graph` is the name of a built-in graph, or a path; `set` has its parameter values, as pairs of name and
+/// value. `background` is display-encoded. The command writes the picture to `output`.
 pub fn line<'a>(
     (scene, load): (&Path, &LoadOptions),
     camera: &Camera,

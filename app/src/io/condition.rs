@@ -1,5 +1,6 @@
 //! Selects splats by a condition on their properties.
 
+use crate::io::losses::splats;
 use anyhow::{Result, bail};
 use rayon::prelude::*;
 use splatgraph_assets::{SH_C0, Scene};
@@ -96,25 +97,35 @@ impl Condition {
         }
     }
 
-    /// Copies the splats of a scene that satisfy the condition, in their order.
+    /// Copies the splats of a scene that satisfy the condition, in their order. Copies nothing if all do.
     ///
     /// # Errors
     /// The condition cannot be evaluated, no splat satisfies it, or the copy does not fit in memory.
     pub fn kept(&self, scene: Scene) -> Result<Scene> {
-        let holds = |index: u32| Ok(self.holds(&scene, index as usize, index)?.then_some(index));
-        let kept: Result<Vec<Option<u32>>, ConditionError> =
-            (0..scene.count()).into_par_iter().map(holds).collect();
-        let kept: Vec<u32> = kept?.into_iter().flatten().collect();
-        if kept.is_empty() {
-            let bounds = scene.bounds().in_world(scene.offset());
-            let count = scene.count();
-            bail!(
-                "expected --where to keep a splat, found none kept of {count}, which are in the box {bounds}"
-            );
-        }
-        if kept.len() == scene.count() as usize {
-            return Ok(scene);
-        }
-        Ok(scene.picked(&kept)?)
+        let kept = keep(&scene, "--where", |index| self.holds(&scene, index as usize, index))?;
+        Ok(kept.map_or(Ok(None), |kept| scene.selected(&kept).map(Some))?.unwrap_or(scene))
     }
+}
+
+/// Lists the splats of a scene for which `keeps` is true; `None` if it is true for all. `options` are those of the
+/// command line that select splats, for the error.
+///
+/// # Errors
+/// No splat is left of some, or the error of `keeps`.
+pub fn keep(
+    scene: &Scene,
+    options: &str,
+    keeps: impl Fn(u32) -> Result<bool, ConditionError> + Sync,
+) -> Result<Option<Vec<u32>>> {
+    let indices = (0..scene.count()).into_par_iter();
+    let kept: Result<Vec<Option<u32>>, ConditionError> =
+        indices.map(|index| Ok(keeps(index)?.then_some(index))).collect();
+    let kept: Vec<u32> = kept?.into_iter().flatten().collect();
+    if kept.is_empty() && scene.count() > 0 {
+        let (count, bounds) = (splats(scene.count().into()), scene.bounds().in_world(scene.offset()));
+        bail!(
+            "expected {options} to keep a splat, found none kept of {count}, which are in the box {bounds}"
+        );
+    }
+    Ok((kept.len() < scene.count() as usize).then_some(kept))
 }

@@ -232,7 +232,7 @@ impl Dataset {
         if view.camera.img_name.is_empty() {
             view.camera.img_name = unnamed(index, count);
         }
-        dataset.views = vec![view];
+        (dataset.views, dataset.timing) = (vec![view], None);
         Ok(dataset)
     }
 

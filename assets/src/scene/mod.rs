@@ -220,6 +220,14 @@ impl Scene {
         Self { size_breakdown: OnceLock::from(breakdown), ..self }
     }
 
+    /// Takes over what loading found out about the file of `whole`, of which this scene is a part.
+    pub(crate) fn with_file_of(mut self, whole: &Scene) -> Self {
+        (self.gathered.dropped, self.gathered.norms) = (whole.gathered.dropped, whole.gathered.norms);
+        self.coarse_parts.clone_from(&whole.coarse_parts);
+        // The steps of a SOG's positions follow from the box of all its splats.
+        self.with_breakdown(SizeBreakdown { is_whole_sog: false, ..whole.size_breakdown().clone() })
+    }
+
     /// Lists the parts of a scene that was loaded from a list of scenes, in the order of the list.
     ///
     /// Empty for other scenes, and if splats were dropped in the join. Scenes derived from this one have no parts.

@@ -1,6 +1,6 @@
 //! Writes SOG version 2: splats in Morton order, textures as lossless WebP, stored in a ZIP archive.
 
-use super::codebook::Codebook;
+use super::codebook::{Codebook, MIN_WEIGHT};
 use super::meta::{MAX_ENTRIES, Means, compressed};
 use super::palette::{Points, palette};
 use crate::activation::{logarithm, omit_largest, quantised};
@@ -22,8 +22,7 @@ const ENTRIES_PER_ROW: usize = 64;
 /// Maximum width and height of a picture in libwebp, in pixels: one less than in the lossless format.
 const MAX_SIDE: usize = 16_383;
 
-/// Bounds of the weights of splats in codebooks: no weight is 0, and no sum of squares overflows.
-const MIN_WEIGHT: f32 = 1e-12;
+/// Largest weight of a splat in codebooks, so that no sum of squares overflows.
 const MAX_WEIGHT: f32 = 1e12;
 
 /// Estimates the memory that writing a scene needs in addition to the scene itself, in bytes.

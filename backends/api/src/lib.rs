@@ -391,8 +391,10 @@ pub trait Loader: Send + 'static {
     #[must_use]
     fn clearing_histories(self) -> Self;
 
-    /// Lets all state of the current plan ([`Plan::is_state`]) continue: also histories that the prologue writes, and
-    /// results of the prologue that frames change. For a plan that differs only in capacities.
+    /// Lets the plan continue with all state of the current one ([`Plan::is_state`]).
+    ///
+    /// This includes histories that the prologue writes, and results of the prologue that frames change. For a plan that
+    /// differs only in capacities.
     #[must_use]
     fn keeping_state(self) -> Self;
 

@@ -4,7 +4,7 @@
 //! If a plan and its predecessor both have a history of the same name and shape, for the same scene, they share the
 //! buffer or image, and the new plan skips the [`Work::ClearHistory`]. A history continues only if it has contents,
 //! does not alias other resources in either plan, was created for every use that the new plan makes of it, and no other
-//! pass of the new plan's prologue writes it. Otherwise the new plan's prologue initializes its own copy.
+//! pass of the new plan's prologue uses it. Otherwise the new plan's prologue initializes its own copy.
 //!
 //! A plan with more capacity ([`Start::Grown`], [`Start::Saved`]) continues all state of equal name and shape. Its
 //! prologue runs as in any plan. Then the contents are copied from the previous plan.
@@ -48,16 +48,17 @@ pub(crate) fn is_state(plan: &Plan, id: ResourceId) -> bool {
 
 /// Returns true if the plan can share a history with the plan before it.
 fn is_shared(plan: &Plan, id: ResourceId) -> bool {
-    // Without a pass that clears it, the plan does not treat it as a history. If another prologue pass writes it, its
-    // contents start anew.
+    // Without a pass that clears it, the plan does not treat it as a history. If another prologue pass writes it, or
+    // reads the zeros, its contents start anew.
     let prologue = || plan.prologue.iter().map(|pass| plan.pass(*pass));
     let start = Work::ClearHistory { resource: id };
-    let writes = |pass: &Pass| pass.uses.iter().any(|t| t.resource == id && t.accesses.writes());
-    prologue().any(|pass| pass.work == start) && !prologue().any(|pass| pass.work != start && writes(pass))
+    let uses = |pass: &Pass| pass.uses.iter().any(|touch| touch.resource == id);
+    prologue().any(|pass| pass.work == start) && !prologue().any(|pass| pass.work != start && uses(pass))
 }
 
-/// Finds the state in `former`, that of the previous plan, with which resource `id` of `plan` continues, if any. With
-/// [`Start::Current`], the plan shares the previous plan's resource.
+/// Finds the state of the previous plan with which resource `id` of `plan` continues, if any. `former` is all of it.
+///
+/// With [`Start::Current`], the plan shares the previous plan's resource.
 pub(crate) fn find<'a, G: Gpu>(
     plan: &Plan,
     id: ResourceId,

@@ -51,6 +51,15 @@ impl Pass {
         found
     }
 
+    /// Returns true if the pass, which uses a resource, is known to overwrite it completely, without reading it.
+    ///
+    /// A fill and a cleared target overwrite everything; a shader is never assumed to.
+    pub fn overwrites(&self, resource: ResourceId) -> bool {
+        let mut uses = self.uses.iter().filter(|touch| touch.resource == resource);
+        let fills = matches!(self.work, Work::Fill { .. });
+        uses.all(|touch| !touch.accesses.reads() && (fills || touch.discards))
+    }
+
     /// Calls `resource` and `shader` with a mutable reference to every id in the pass.
     pub fn visit(
         &mut self,

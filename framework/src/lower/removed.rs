@@ -85,9 +85,11 @@ impl Parts<'_> {
 }
 
 impl Lowering<'_> {
-    /// Reports unknown names in a removed pass or include, but not in the body of a repeat, and lists its shaders in
-    /// [`Lowered::removed_shaders`](super::lowered::Lowered::removed_shaders). Does not evaluate numbers: the condition
-    /// that removes the pass may protect them.
+    /// Reports unknown names in a removed pass or include, and lists its shaders in
+    /// [`Lowered::removed_shaders`](super::lowered::Lowered::removed_shaders).
+    ///
+    /// The caller checks the body of a repeat. Does not evaluate numbers: the condition that removes the pass may
+    /// protect them.
     pub(super) fn check_removed(&mut self, level: &mut Level, pass: &PassDecl, place: &Place) {
         match pass {
             PassDecl::Repeat { count, .. } => {

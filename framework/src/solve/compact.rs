@@ -34,8 +34,9 @@ pub(super) fn compact(lowered: Lowered, passes: &[&LinkedPass]) -> Plan {
     plan
 }
 
-/// Counts a shader that only asks for the size of an image as a reader: it needs the image's layout, and validation
-/// layers treat it so. For culling it is no reader, because it needs no contents.
+/// Counts size queries of images as reads.
+///
+/// They need the image's layout, and validation layers treat them so. Culling ran before: a size needs no contents.
 fn read_sizes(pass: &mut Pass) {
     let accessed: Vec<ResourceId> =
         pass.uses.iter().filter(|touch| !touch.accesses.is_empty()).map(|touch| touch.resource).collect();

@@ -146,8 +146,7 @@ fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
 /// Drops histories whose contents cannot matter. They do not if no pass reads them by `last(name)`, no `Once` pass uses
 /// them, and a frame that uses them first overwrites them completely.
 ///
-/// A fill and a cleared target overwrite everything; a shader is never assumed to. All other histories keep their
-/// contents.
+/// All other histories keep their contents.
 fn forget_overwritten(passes: &[&LinkedPass], lowered: &mut Lowered) {
     let mut users: Vec<Vec<&LinkedPass>> = vec![Vec::new(); lowered.plan.resources.len()];
     let mut used_once = vec![false; lowered.plan.resources.len()];
@@ -174,17 +173,10 @@ fn forget_overwritten(passes: &[&LinkedPass], lowered: &mut Lowered) {
             _ => users[real.index()].first(),
         };
         let once = used_once[real.index()] || used_once[previous.index()];
-        if !once && users[previous.index()].is_empty() && first.is_none_or(|p| writes_all(p, real)) {
+        if !once && users[previous.index()].is_empty() && first.is_none_or(|p| p.pass.overwrites(real)) {
             lowered.plan.resources[real.index()].history = None;
         }
     }
-}
-
-/// Returns true if a pass that uses a resource is known to overwrite it completely, without reading it.
-fn writes_all(pass: &LinkedPass, resource: ResourceId) -> bool {
-    let mut uses = pass.pass.uses.iter().filter(|touch| touch.resource == resource);
-    let fills = matches!(pass.pass.work, Work::Fill { .. });
-    uses.all(|touch| !touch.accesses.reads() && (fills || touch.discards))
 }
 
 /// Returns the passes that zero histories. They precede every `Once` pass, because a `Once` pass may write only a part

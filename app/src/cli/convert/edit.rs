@@ -4,13 +4,12 @@ use crate::cli::loading;
 use crate::cli::look_at::direction;
 use crate::cli::outcome::Usage;
 use crate::draw::splat_set::SplatSet;
-use crate::io::condition::{Condition, ConditionError};
+use crate::io::condition::{self, Condition};
 use crate::io::load::FileOptions;
 use crate::io::losses::{self, Original};
 use crate::io::output::{one_line, say};
 use anyhow::{Result, bail};
 use glam::{DQuat, DVec3};
-use rayon::prelude::*;
 use splatgraph_assets::{Camera, Filter, Scene, Similarity};
 use std::path::PathBuf;
 
@@ -258,25 +257,13 @@ impl EditArgs {
             scene = moved;
         }
         if self.crop.is_some() || self.condition.is_some() {
-            let kept = |index: u32| {
+            let kept = condition::keep(&scene, "--crop and --where", |index| {
                 let at = index as usize;
-                let inside = self.crop.is_none_or(|crop| crop.has(scene.world_position(at).into()));
-                let condition = self.condition.as_ref();
-                let holds =
-                    || condition.map_or(Ok(true), |condition| condition.holds(&scene, at, first_indices[at]));
-                Ok((inside && holds()?).then_some(index))
-            };
-            let kept: Result<Vec<Option<u32>>, ConditionError> =
-                (0..scene.count()).into_par_iter().map(kept).collect();
-            let kept: Vec<u32> = kept?.into_iter().flatten().collect();
-            if kept.is_empty() {
-                bail!(
-                    "expected --crop and --where to keep a splat, found none kept of {}, which are in the box {}",
-                    scene.count(),
-                    scene.bounds().in_world(scene.offset())
-                );
-            }
-            if kept.len() < scene.count() as usize {
+                let is_inside = self.crop.is_none_or(|crop| crop.has(scene.world_position(at).into()));
+                let condition = self.condition.as_ref().filter(|_| is_inside);
+                condition.map_or(Ok(is_inside), |condition| condition.holds(&scene, at, first_indices[at]))
+            })?;
+            if let Some(kept) = kept {
                 scene = scene.picked(&kept)?;
             }
         }
@@ -422,7 +409,7 @@ mod tests {
         assert!(said(&["--where", "1.5"]).contains("expected a condition, found `1.5`"));
         assert!(
             said(&["--where", "opacity > 2"])
-                .contains("expected --crop and --where to keep a splat, found none kept of 400")
+                .contains("expected --crop and --where to keep a splat, found none kept of 400 splats")
         );
         assert!(
             said(&["--crop", "sphere:1,2,3"])

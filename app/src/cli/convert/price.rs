@@ -120,25 +120,25 @@ impl PriceArgs {
                 });
                 options::write_json(file, &options::with_fields(all, lost))?;
             }
-            None => options::print((table(&prices) + &losses(&prices) + &empty).trim_end())?,
+            None => options::print((table(&prices) + &lost_lines(&prices) + &empty).trim_end())?,
         }
         Ok(Outcome::Done)
     }
 }
 
 /// Lists what the formats lose, a line for each loss, once for all versions of a format.
-fn losses(prices: &[Price]) -> String {
-    let mut lines = String::new();
+fn lost_lines(prices: &[Price]) -> String {
+    let mut lines = Vec::new();
     for price in prices {
         let Found::Measured(found) = &price.found else { continue };
         let format = price.format.split(',').next().unwrap_or_default();
         for line in found.losses.iter().map(|loss| format!("{format}: lost: {loss}\n")) {
             if !lines.contains(&line) {
-                lines += &line;
+                lines.push(line);
             }
         }
     }
-    lines
+    lines.concat()
 }
 
 fn table(prices: &[Price]) -> String {

@@ -71,8 +71,8 @@ pub struct Args {
     #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()))]
     #[arg(value_parser = Listed(renderers, renderer), hide_possible_values = true)]
     pub backend: Renderer,
-    /// Frames to draw of each view, from its start; the last is scored [default: 2 if the graph reads the previous
-    /// frame, otherwise 1]
+    /// Frames to draw of each view, whose state begins anew; the last is scored [default: 2 if the graph reads the
+    /// previous frame, otherwise 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub repeat: Option<u32>,
     /// Background colour, display-encoded: 0 is black, 1 is white, also behind photographs with alpha

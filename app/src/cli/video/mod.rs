@@ -86,8 +86,8 @@ pub struct Args {
     /// Duration [default: 10; for frames, one frame for each camera]
     #[arg(long, value_name = "SECONDS", value_parser = seconds, conflicts_with = "orbit")]
     seconds: Option<f64>,
-    /// Frames per second: a whole number, a fraction such as 30000/1001, or 23.976, 29.97 or 59.94 [default: 30, or the
-    /// rate of a camera_path.json]
+    /// Frames per second: a whole number, a fraction such as 30000/1001, or 23.976, 29.97 or 59.94 [default: 30; for
+    /// frames, the rate of a camera_path.json]
     #[arg(long, value_name = "RATE")]
     fps: Option<Rate>,
     /// Motion blur: each frame is the mean of N pictures, taken while the shutter is open, in linear light
@@ -310,7 +310,7 @@ fn timing(args: &Args, cameras: Option<&Dataset>) -> Result<Timing, Usage> {
         ));
     }
     let rate = match fps.filter(|_| args.fps.is_none()) {
-        Some(fps) => Rate::nearest(fps).ok_or_else(|| {
+        Some(fps) => Rate::near(fps).ok_or_else(|| {
             let found = format!("expected cameras with 0.1 to 1000 frames per second, found {fps}");
             Usage(format!("{found}; --fps chooses another rate"))
         })?,

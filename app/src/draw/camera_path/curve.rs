@@ -10,7 +10,8 @@
 //! little beside keys with large steps are limited, so that the camera does not spin: it overshoots by at most a sixth
 //! of a radian.
 //!
-//! Keys that are frames have equal knot intervals instead, which are the curve's length: equal frames are a hold.
+//! Keys that are frames have knot intervals of 1 instead. The curve's length then counts frames, so that equal frames are
+//! a hold.
 //!
 //! Between level keys, squad rolls the camera: by 11 degrees in the demo scene. If all keys are level, this roll is
 //! removed; see [`Segment::at`].

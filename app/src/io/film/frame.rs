@@ -40,13 +40,14 @@ pub struct Rate {
 }
 
 impl Rate {
-    /// Returns the rate that is nearest to `fps`: a whole number, one of NTSC's, or a number of thousandths. `None` if
-    /// it is outside of the range.
-    pub fn nearest(fps: f64) -> Option<Rate> {
+    /// Returns a usual rate near `fps`: a whole number, one of NTSC's, or a number of thousandths. `None` if it is
+    /// outside of the range.
+    pub fn near(fps: f64) -> Option<Rate> {
         let ntsc = (1.001 * fps).round();
         let text = match fps {
             _ if (fps - fps.round()).abs() < 1e-3 => fps.round().to_string(),
-            _ if (fps - ntsc / 1.001).abs() < 5e-3 => format!("{}/1001", 1000.0 * ntsc),
+            _ if fps > 23.0 && (fps - ntsc / 1.001).abs() < 5e-3 => format!("{}/1001", 1000.0 * ntsc),
+            _ if (2.0 * fps).fract() == 0.0 => format!("{}/2", 2.0 * fps),
             _ => format!("{}/1000", (1000.0 * fps).round()),
         };
         text.parse().ok()

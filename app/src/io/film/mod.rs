@@ -282,10 +282,10 @@ mod tests {
         for (text, exact) in [("23.976", "24000/1001"), ("29.97", "30000/1001"), ("59.94", "60000/1001")] {
             assert_eq!(text.parse(), exact.parse::<Rate>());
         }
-        for (fps, rate) in [(24.0, "24"), (29.970_03, "30000/1001"), (12.5, "12500/1000")] {
-            assert_eq!(Rate::nearest(fps), Some(rate.parse().expect("a rate")));
+        for (fps, rate) in [(24.0, "24"), (29.970_03, "30000/1001"), (12.5, "25/2"), (5.99, "5990/1000")] {
+            assert_eq!(Rate::near(fps), Some(rate.parse().expect("a rate")));
         }
-        assert_eq!([0.0, -5.0, 1e9, f64::NAN].map(Rate::nearest), [None; 4]);
+        assert_eq!([0.0, -5.0, 1e9, f64::NAN].map(Rate::near), [None; 4]);
         for text in ["", "0", "30/0", "-1", "12.5", "1001", "x", "1/100"] {
             assert!(text.parse::<Rate>().is_err(), "{text}");
         }

@@ -214,6 +214,32 @@ fn what_a_pass_writes_once_and_frames_change_starts_anew_unless_only_capacities_
 }
 
 #[test]
+fn a_history_that_a_pass_reads_once_starts_from_zeros_with_each_plan() {
+    let read = || {
+        let mut plan = histories();
+        let read = Use {
+            resource: WORDS,
+            stages: Stages::COMPUTE,
+            accesses: Accesses::STORAGE_READ,
+            layout: None,
+            discards: false,
+        };
+        let peek = Pass { name: "peek".to_string(), uses: vec![read], ..plan.pass(plan.frame[0]).clone() };
+        plan.passes.push(peek);
+        let pass = PassId(plan.passes.len() as u32 - 1);
+        plan.prologue.push(pass);
+        plan
+    };
+    let (mut null, journal) = device();
+    for started_anew in [vec!["words", "color"], vec!["words"]] {
+        load(&mut null, read());
+        frame(&mut null, &inputs());
+        assert_eq!(started(&journal.take()), started_anew);
+    }
+    finish(null, &journal);
+}
+
+#[test]
 fn a_plan_that_never_ran_hands_on_the_histories_that_it_took_over() {
     let (mut null, journal) = device();
     load(&mut null, histories());

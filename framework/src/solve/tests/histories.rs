@@ -237,3 +237,20 @@ fn a_history_without_readers_goes_with_its_passes() {
     assert_eq!(plan.prologue, []);
     assert!(plan.resources.iter().all(|r| r.history.is_none()));
 }
+
+#[test]
+fn a_result_that_frames_change_is_state_unless_they_first_overwrite_it() {
+    let clear = r#"Fill(name: "clear", buffer: "a", value: 0),"#;
+    for (first, is_state) in [("", true), (clear, false)] {
+        let plan = solved("", &[
+            r#"Dispatch(name: "start", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "a"}),"#.into(),
+            r#"Dispatch(name: "keep", run: Once, shader: "copy.comp", size: Threads(64), bind: {"In": "a", "Out": "b"}),"#.into(),
+            first.into(),
+            dispatch("step", "change.comp", r#""Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+            dispatch("also", "show.comp", r#""In": "b", "Image": "image""#),
+        ]);
+        assert_eq!(plan.prologue.len(), 2, "{}", shown(&plan));
+        assert_eq!(plan.carries_state(), is_state, "{}", shown(&plan));
+    }
+}
