@@ -164,7 +164,7 @@ pub fn inspections(plan: &Plan) -> Vec<Inspect> {
     after.into_iter().flat_map(output).collect()
 }
 
-/// Interprets the bytes of a frame's [`inspections`] as outputs. The fourth channel of [`NORMAL`] is dropped.
+/// Interprets the bytes of a frame's [`inspections`] as outputs. The fourth channel of `normal` is dropped.
 pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
     let outputs = plan.outputs.iter().zip(inspections(plan)).zip(inspected);
     let by_distance = sorts_by_distance(plan);

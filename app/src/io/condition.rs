@@ -9,7 +9,7 @@ use splatgraph_framework::ir::Value;
 use std::fmt;
 use std::str::FromStr;
 
-/// An expression that is true for the splats to keep, with the names of [`NAMES`].
+/// An expression that is true for the splats to keep, such as `opacity > 0.05`: see `splatgraph convert --help`.
 #[derive(Clone, Debug)]
 pub struct Condition {
     text: String,
