@@ -1,6 +1,6 @@
 //! Submits frames, waits for their results, and repeats incomplete frames with more capacity.
 
-use super::{Flight, Former, FrameOptions, Session, SessionError};
+use super::{Flight, Former, FrameOptions, Session, SessionError, can_grow, saves_state};
 use crate::draw::camera;
 use crate::draw::capacity::{self, Overflow};
 use crate::draw::inspect;
@@ -47,7 +47,7 @@ impl Session {
     /// than the graph; a value of [`FrameOptions::live`] does not fit; no plan is prepared; or the device fails.
     pub fn submit(&mut self, camera: &Camera, request: &FrameOptions) -> Result<FrameId, SessionError> {
         // The state is saved before one frame only: the last.
-        if self.plan().is_some_and(saves_histories) {
+        if self.loaded.is_some() && self.saves_state {
             for id in self.flying.iter().map(|flight| flight.id).collect::<Vec<_>>() {
                 let result = self.finish(id);
                 self.finished.insert(id, result);
@@ -83,7 +83,7 @@ impl Session {
             read_output: request.read_output,
             inspect: request.inspect.clone(),
             untimed_passes: request.untimed_passes,
-            save_histories: saves_histories(plan),
+            save_histories: self.saves_state,
             ..FrameInputs::default()
         };
         let begun = Instant::now();
@@ -225,7 +225,7 @@ impl Session {
     ///
     /// Later frames then do not read its partial results. If this fails, for example without memory, these stay.
     fn undo(&mut self, plan: &Plan, share: bool) {
-        if let (true, Some((_, size))) = (saves_histories(plan), &self.loaded) {
+        if let (true, Some((_, size))) = (saves_state(plan), &self.loaded) {
             _ = self.load(*size, Former::Frame { shares_results: share }, &mut |_| {});
         }
     }
@@ -257,16 +257,6 @@ fn live_bytes(plan: &Plan, values: &[(String, String)]) -> Result<Vec<u8>, Sessi
         param.value = parsed.map_err(|why| SessionError::Live(format!("`{name}` = `{text}`: {why}")))?;
     }
     Ok(plan.live_bytes_of(&params))
-}
-
-/// Returns true if frames of the plan may have to be repeated with more capacity.
-fn can_grow(plan: &Plan) -> bool {
-    plan.params.iter().any(|param| param.grows.is_some())
-}
-
-/// Returns true if the state is copied before each frame of the plan. A repeated frame then starts with the copy.
-fn saves_histories(plan: &Plan) -> bool {
-    can_grow(plan) && plan.carries_state()
 }
 
 /// Copies the times of `Once` passes from an incomplete frame to the frame that reused their results.

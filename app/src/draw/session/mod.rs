@@ -136,6 +136,8 @@ pub struct Session {
     /// Settings without an effect that were reported.
     told_settings: BTreeSet<String>,
     loaded: Option<(Arc<Plan>, (u32, u32))>,
+    /// Result of [`saves_state`] for the loaded plan: every frame asks for it.
+    saves_state: bool,
     /// Plans of the current graph, settings and scene; empty if none were given. See [`Session::set_planned`].
     built: Built,
     /// Plan for a picture size that this planner built ahead, with the default capacities; see [`Session::with_plan`].
@@ -199,6 +201,7 @@ impl Session {
             told: Vec::new(),
             told_settings: BTreeSet::new(),
             loaded: None,
+            saves_state: false,
             built: Built::default(),
             early: None,
             frame: 0,
@@ -531,6 +534,7 @@ impl Session {
             let ready = loader.prepare(plan.clone(), &Upload(Some(&self.scene)), progress)?;
             self.device.swap(ready)
         })?;
+        self.saves_state = saves_state(&plan);
         self.loaded = Some((Arc::new(plan), size));
         Ok(())
     }
@@ -573,6 +577,16 @@ impl Session {
         let (plan, _) = self.loaded.as_ref()?;
         background_note(plan, background).filter(|_| self.told_settings.insert("--background".to_owned()))
     }
+}
+
+/// Returns true if frames of the plan may have to be repeated with more capacity.
+fn can_grow(plan: &Plan) -> bool {
+    plan.params.iter().any(|param| param.grows.is_some())
+}
+
+/// Returns true if the state is copied before each frame of the plan. A repeated frame then starts with the copy.
+fn saves_state(plan: &Plan) -> bool {
+    can_grow(plan) && plan.carries_state()
 }
 
 /// State that a plan takes over from the current one.
