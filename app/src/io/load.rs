@@ -27,7 +27,7 @@ pub struct FileOptions {
 /// Options of loading scenes.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct LoadOptions {
-    /// How the files are read.
+    /// Options of reading the files.
     #[command(flatten)]
     pub file: FileOptions,
     /// Leave out the splats for which this expression is false, for instance 'opacity > 0.05 && x < 2'
@@ -45,6 +45,13 @@ impl From<FileOptions> for LoadOptions {
     }
 }
 
+impl FileOptions {
+    /// Removes the tags of a scene's file, if they are to be ignored.
+    pub fn tagged(self, scene: Scene) -> Scene {
+        if self.ignore_tags { scene.without_tags() } else { scene }
+    }
+}
+
 impl LoadOptions {
     /// Reads the header of a scene file, which counts all of its splats.
     ///
@@ -59,7 +66,7 @@ impl LoadOptions {
     /// # Errors
     /// See [`Scene::load_level`] and [`Condition::kept`].
     pub fn scene(&self, path: &Path, progress: Progress) -> anyhow::Result<Scene> {
-        self.kept(path, self.tagged(Scene::load_level(path, self.file.level, progress)?))
+        self.kept(path, self.file.tagged(Scene::load_level(path, self.file.level, progress)?))
     }
 
     /// Loads a scene with all its splats, or a mesh that is drawn together with one.
@@ -68,7 +75,7 @@ impl LoadOptions {
     /// See [`Scene::load_any`].
     pub fn any(&self, path: &Path, progress: Progress) -> Result<Content, LoadError> {
         Ok(match Scene::load_any(path, self.file.level, progress)? {
-            Content::Splats(scene) => Content::Splats(self.tagged(*scene).into()),
+            Content::Splats(scene) => Content::Splats(self.file.tagged(*scene).into()),
             mesh => mesh,
         })
     }
@@ -94,9 +101,5 @@ impl LoadOptions {
         let condition = self.condition.as_ref();
         let condition = condition.map(|condition| vec!["--where".to_owned(), condition.to_string()]);
         [ignore_tags, level, condition].into_iter().flatten().flatten().collect()
-    }
-
-    fn tagged(&self, scene: Scene) -> Scene {
-        if self.file.ignore_tags { scene.without_tags() } else { scene }
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::draw::truth::Truth;
 use crate::io::image::Image;
+use crate::io::load::FileOptions;
 use crate::io::losses;
 use crate::studies::evaluation::{Evaluation, Score, score};
 use anyhow::{Context, Result};
@@ -58,9 +59,9 @@ pub struct Measured {
 /// Writes the scene in each of `formats`, reads it back, and compares its exact pictures with the truth's.
 ///
 /// Without a `truth`, the scene itself is the truth. Cameras are in the world's coordinates, because the files can have
-/// other offsets than the scene. A format that loses the scene's tags is drawn without them, which counts as error. With
-/// `ignore_tags`, all files are drawn without their tags. The scene's mesh is not drawn: no format stores it, and the
-/// price is that of the splats.
+/// other offsets than the scene. A format that loses the scene's tags is drawn without them, which counts as error. The
+/// files are drawn with or without their tags as `load` says. The scene's mesh is not drawn: no format stores it, and
+/// the price is that of the splats.
 ///
 /// # Errors
 /// A picture, a file or a second scene does not fit in memory, a written file cannot be read, or its pictures have
@@ -70,19 +71,18 @@ pub fn measure(
     truth: Option<Scene>,
     cameras: &[Camera],
     formats: &[SceneFormat],
-    ignore_tags: bool,
+    load: FileOptions,
 ) -> Result<Vec<Price>> {
     let (scene, truth) = (&scene.with_mesh(None), truth.map(|truth| truth.with_mesh(None)));
-    let mut file = Vec::new();
-    reserve(scene, &mut file)?;
+    let mut bytes = Vec::new();
+    reserve(scene, &mut bytes)?;
     let views = pictures(truth.as_ref().unwrap_or(scene), cameras)?;
     drop(truth);
     let versions = formats.iter().copied().flat_map(|format| match format {
         SceneFormat::Spz => vec![(format, Some(SpzVersion::V3)), (format, Some(SpzVersion::V4))],
         _ => vec![(format, None)],
     });
-    let tagged = |scene: Scene| if ignore_tags { scene.without_tags() } else { scene };
-    versions.map(|version| price(scene, cameras, &views, version, tagged, &mut file)).collect()
+    versions.map(|version| price(scene, cameras, &views, version, load, &mut bytes)).collect()
 }
 
 /// Reserves memory for a file of the scene in any format. Fails if there is not enough for the file, a second scene and
@@ -115,7 +115,7 @@ fn price(
     cameras: &[Camera],
     views: &[Image],
     (format, version): (SceneFormat, Option<SpzVersion>),
-    tagged: impl Fn(Scene) -> Scene,
+    load: FileOptions,
     bytes: &mut Vec<u8>,
 ) -> Result<Price> {
     bytes.clear();
@@ -134,7 +134,7 @@ fn price(
         loaded = Some(Scene::parse(bytes, QUIET)?);
         load_ms = load_ms.min(begun.elapsed().as_secs_f64() * 1e3);
     }
-    let loaded = tagged(loaded.context("a scene was loaded")?);
+    let loaded = load.tagged(loaded.context("a scene was loaded")?);
     let found = pictures(&loaded, cameras)?;
     let scores: Result<Vec<Score>, _> = found
         .iter()
@@ -178,7 +178,7 @@ mod tests {
             None,
             &cameras,
             &[SceneFormat::Ply, SceneFormat::Spz],
-            false,
+            FileOptions::default(),
         );
         let prices = prices.expect("prices");
         let json = serde_json::to_value(&prices).expect("JSON");
@@ -194,8 +194,9 @@ mod tests {
         let scene = || synth::generate("demo", 300, 0).expect("it is generated").without_tags();
         let camera = Camera::framing(&scene(), 64, 48);
         let price = |ignore_tags| {
+            let load = FileOptions { ignore_tags, level: None };
             let (formats, cameras) = ([SceneFormat::Gltf], std::slice::from_ref(&camera));
-            let prices = measure(scene(), None, cameras, &formats, ignore_tags).expect("a price");
+            let prices = measure(scene(), None, cameras, &formats, load).expect("a price");
             measured(&prices, "glb").clone()
         };
         let told = price(false);
@@ -212,15 +213,22 @@ mod tests {
         let camera = Camera::framing(&scene, 64, 48);
         let cut = scene.cut_to_degree(0).expect("it fits in memory");
         let whole = scene.cut_to_degree(3).expect("it fits in memory");
-        let prices = measure(scene, None, std::slice::from_ref(&camera), &SceneFormat::WRITTEN, false)
-            .expect("prices");
+        let prices = measure(
+            scene,
+            None,
+            std::slice::from_ref(&camera),
+            &SceneFormat::WRITTEN,
+            FileOptions::default(),
+        )
+        .expect("prices");
         assert_eq!(prices.len(), SceneFormat::WRITTEN.len() + 1);
         let of = |name: &str| measured(&prices, name);
         let db = |name: &str| of(name).least_psnr_db.unwrap_or(f64::INFINITY);
         assert!(db("ply") > 90.0, "{}", db("ply"));
         assert!(db("splat") < db("ply") && of("splat").bytes == 32 * 300);
         assert_eq!(of("spz, version 3").least_psnr_db, of("spz, version 4").least_psnr_db);
-        let prices = measure(cut, Some(whole), &[camera], &[SceneFormat::Ply], false).expect("prices");
+        let prices = measure(cut, Some(whole), &[camera], &[SceneFormat::Ply], FileOptions::default())
+            .expect("prices");
         let db = measured(&prices, "ply").least_psnr_db;
         assert!(db.is_some_and(|db| db < 60.0), "the bands that were cut count as error: {db:?}");
     }

@@ -158,14 +158,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         transform_loss.iter().for_each(say);
         losses.extend(transform_loss);
         let lost = json!({ "dropped": dropped, "losses": losses });
-        return args.price.run(
-            scene,
-            truth,
-            (&args.input, &args.edit),
-            &args.format,
-            args.load.ignore_tags,
-            lost,
-        );
+        return args.price.run(scene, truth, (&args.input, &args.edit), &args.format, args.load, lost);
     };
     let mut lost = Losses::of(&originals, &scene, format);
     lost.losses.extend(transform_loss);

@@ -4,6 +4,7 @@ use super::edit::EditArgs;
 use crate::cli::outcome::{Outcome, Usage, refuse_without};
 use crate::cli::{cameras, loading, options};
 use crate::draw::blind;
+use crate::io::load::FileOptions;
 use crate::io::losses;
 use crate::io::output::{OutputGuard, say};
 use crate::io::report::text;
@@ -68,15 +69,15 @@ impl PriceArgs {
 
     /// Measures the prices of `scene`, which was loaded from `path`, in `formats`, or in all if it is empty. Prints
     /// them or writes them to the file of `--json`, with the fields of `lost`. `truth` is the scene before splats or
-    /// bands were left out; `None` if it is the same. Given cameras move with the scene. With `ignore_tags`, the written
-    /// files are drawn without their tags, as `scene` must be.
+    /// bands were left out; `None` if it is the same. Given cameras move with the scene. The written files are drawn with
+    /// or without their tags as `load` says, as `scene` must be.
     pub(super) fn run(
         &self,
         scene: Scene,
         truth: Option<Scene>,
         (path, edit): (&Path, &EditArgs),
         formats: &[SceneFormat],
-        ignore_tags: bool,
+        load: FileOptions,
         lost: Json,
     ) -> Result<Outcome> {
         let formats = if formats.is_empty() { &SceneFormat::WRITTEN } else { formats };
@@ -111,7 +112,7 @@ impl PriceArgs {
             Some(format!("{}: {note}\n", format.extension()))
         };
         let empty: String = formats.iter().filter_map(empty).collect();
-        let prices = price::measure(scene, truth, &cameras, formats, ignore_tags)?;
+        let prices = price::measure(scene, truth, &cameras, formats, load)?;
         match &self.json {
             Some(file) => {
                 let all = json!({
