@@ -22,6 +22,16 @@ pub(crate) struct Recorded {
 /// A side of a copy of state, with an image's layouts before and after the copy.
 type Copied<'a, G> = (&'a Transient<G>, (Layout, Layout));
 
+/// Returns a resource of the plan as a side of a copy, which keeps its layout; `None` if it is not the plan's own.
+fn own<'a, G: Gpu>(
+    compiled: &'a CompiledPlan<G>,
+    id: ResourceId,
+    layouts: &[Layout],
+) -> Option<Copied<'a, G>> {
+    let layout = layouts[id.index()];
+    Some((compiled.resources.transient(id)?, (layout, layout)))
+}
+
 pub(crate) struct Recorder<'a, G: Gpu> {
     pub encoder: &'a mut G::Encoder,
     pub compiled: &'a CompiledPlan<G>,
@@ -88,9 +98,7 @@ impl<G: Gpu> Recorder<'_, G> {
     fn restore_state(&mut self, layouts: &[Layout]) {
         let compiled = self.compiled;
         let copies = compiled.restored.iter().filter_map(|(id, layout, former)| {
-            let (layouts, target) =
-                ((layouts[id.index()], layouts[id.index()]), compiled.resources.transient(*id)?);
-            Some([(former, (*layout, Layout::TransferSource)), (target, layouts)])
+            Some([(former, (*layout, Layout::TransferSource)), own(compiled, *id, layouts)?])
         });
         self.copy_state("restore state", &copies.collect::<Vec<_>>());
     }
@@ -101,9 +109,7 @@ impl<G: Gpu> Recorder<'_, G> {
         let compiled = self.compiled;
         let saved = compiled.saved.iter().filter(|_| self.inputs.save_histories);
         let copies = saved.filter_map(|(id, copy)| {
-            let (layouts, source) =
-                ((layouts[id.index()], layouts[id.index()]), compiled.resources.transient(*id)?);
-            Some([(source, layouts), (copy, (Layout::Undefined, Layout::TransferTarget))])
+            Some([own(compiled, *id, layouts)?, (copy, (Layout::Undefined, Layout::TransferTarget))])
         });
         self.copy_state("save state", &copies.collect::<Vec<_>>());
     }
