@@ -58,7 +58,7 @@ impl Scene {
         self.picked_as(indices, |_, splat| splat)
     }
 
-    /// Copies splats like [`Scene::picked`], with the sizes, comments and losses of the file that they were loaded from.
+    /// Copies splats like [`Scene::picked`], with the sizes, comments and losses of the file that they are from.
     ///
     /// # Errors
     /// The copy does not fit in memory.

@@ -16,7 +16,8 @@ const BORDER_STEPS: usize = 8;
 
 /// Least weight of a number: that of splats that show nothing, which may be many.
 pub(super) const MIN_WEIGHT: f32 = 1e-12;
-/// Largest weight, in medians of the weights above the least. Prefix sums with larger ones would lose the others to rounding.
+/// Largest weight, in medians of the weights above the least. Prefix sums with larger ones would lose the others to
+/// rounding.
 const MOST_WEIGHT: f32 = 1e6;
 
 /// A codebook: 256 ascending numbers.

@@ -393,14 +393,14 @@ pub trait Loader: Send + 'static {
 
     /// Lets the plan continue with all state of the current one ([`Plan::is_state`]).
     ///
-    /// This includes histories that the prologue writes, and results of the prologue that frames change. For a plan that
-    /// differs only in capacities.
+    /// This includes histories that the prologue writes, and results of the prologue that frames change. For a plan
+    /// that differs only in capacities.
     #[must_use]
     fn keeping_state(self) -> Self;
 
     /// Lets the plan's state ([`Plan::is_state`]) begin with the contents from before the current plan's last frame
-    /// with [`FrameInputs::save_histories`]. The frame can then be repeated with another plan. Without such a frame, the
-    /// state begins anew.
+    /// with [`FrameInputs::save_histories`]. The frame can then be repeated with another plan. Without such a frame,
+    /// the state begins anew.
     #[must_use]
     fn restoring_histories(self) -> Self;
 

@@ -22,8 +22,8 @@ pub(super) struct Group {
 }
 
 pub(super) struct Extents {
-    /// The accesses of each pass by resource, in the order of first appearance. Reads of uniform blocks are left out, as
-    /// are buffers of which a shader only asks for the length.
+    /// The accesses of each pass by resource, in the order of first appearance. Reads of uniform blocks are left out,
+    /// as are buffers of which a shader only asks for the length.
     pub passes: Vec<Vec<Group>>,
     pub resources: Vec<Range<usize>>,
     /// The bytes of each cell, from the start of its memory. All resources of a block start there.
