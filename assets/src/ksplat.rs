@@ -9,9 +9,9 @@
 //! | 4 / 2 / 1 per coefficient and channel | harmonics: `f32`, `f16`, or `u / 255` between the header's bounds |
 //!
 //! Harmonics are stored band by band; within a band all of red, then green, then blue. Positions of levels 1 and 2 are
-//! `(u - range) * blockSize / 2 / range + centre`. The first `fullBuckets` buckets have `bucketCapacity` rows each; the
-//! lengths of the other buckets come before the centres. Format: <https://github.com/mkkellogg/GaussianSplats3D>,
-//! `SplatBuffer.js`.
+//! `(u - range) * bucketBlockSize / 2 / range + centre`, where `range` is `compressionScaleRange`. The first
+//! `fullBucketCount` buckets have `bucketSize` rows each; the lengths of the other buckets come before the centres.
+//! Format: <https://github.com/mkkellogg/GaussianSplats3D>, `SplatBuffer.js`.
 
 use crate::activation;
 use crate::error::{SceneError, field};

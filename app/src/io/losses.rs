@@ -44,7 +44,7 @@ pub struct Losses {
 /// Opacity (logit 9.9) above which rounding to f32 can change the logit by almost 0.001.
 const NEARLY_OPAQUE: f32 = 0.99995;
 
-/// Deviation, in steps of positions, below which rounding to the steps costs several dB: 5 of a figurine's 45 dB.
+/// Standard deviation of a splat, in quantization steps of positions, below which quantization costs several dB.
 const FEW_STEPS: f64 = 8.0;
 
 /// Maximum number of properties to name.

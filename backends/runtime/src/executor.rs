@@ -255,8 +255,8 @@ impl<G: Gpu> Device for Executor<G> {
         }
     }
 
-    /// Swaps to a prepared plan. It continues the histories of the plan that is current now, not of the plan that was
-    /// current when the loader was taken.
+    /// Swaps to a prepared plan, which continues state as its `Start` says. It takes state over from the plan that is
+    /// current now, not from the plan that was current when the loader was taken.
     fn swap(&mut self, ready: Ready<G>) -> Result<(), BackendError> {
         self.shared.check_lost()?;
         let Ready { mut compiled, histories, executor } = ready;

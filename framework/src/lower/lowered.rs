@@ -33,7 +33,8 @@ pub struct Lowered {
     pub ping_pongs: Vec<[ResourceId; 2]>,
     /// Ping-pong buffers that a repeat uses and does not swap.
     pub unswapped: Vec<Unswapped>,
-    /// Warnings about sizes of dispatches and draws: 0 in every plan, or folded into rows that the shader ignores.
+    /// Warnings about sizes of dispatches and draws. Either a size is 0 in every plan, or a dispatch was folded into rows
+    /// and its shader does not read the row's index.
     pub sizes: Vec<Diagnostic>,
     /// Place of the output's name in the file.
     pub output_span: Span,

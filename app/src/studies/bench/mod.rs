@@ -17,5 +17,5 @@ pub mod table;
 pub use limit::copy_limit;
 pub use study::{Wanted, study};
 
-/// Names of the graphs that measurements draw in addition to the candidates.
+/// Names of the graphs that exist only for measurements: a copy, and a sort of random pairs.
 pub const GRAPHS: [&str; 2] = [limit::GRAPH, sort::GRAPH];

@@ -72,9 +72,10 @@ pub fn list(pipeline: &str, controls: &[Control], presets: &[&str]) -> Vec<Setti
     all
 }
 
-/// Adds the setting `NAME = VALUE` after the others of this parameter.
+/// Adds the setting `text`, of the form `NAME = VALUE`, after the others of this parameter.
 ///
-/// Adds nothing if it is there, if `set` fixes the parameter, if the exact settings lack it, and for other texts.
+/// Adds nothing if `text` has another form or is in the list, if `set` fixes the parameter, or if the exact settings
+/// lack it.
 pub fn add(all: &mut Vec<Setting>, set: &[(String, String)], text: &str) {
     let Some((name, value)) = text.split_once(" = ") else { return };
     let is_fixed = set.iter().any(|(fixed, _)| fixed == name);

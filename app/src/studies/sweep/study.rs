@@ -53,7 +53,7 @@ pub fn study(
 pub struct Study {
     whole: Session,
     counts: Vec<u32>,
-    /// The parameters that [`Choice::Nearest`] sets; `None` if the graph has no budget.
+    /// The parameters that [`Choice::Nearest`] sets besides [`BUDGET`]; `None` if the graph has no budget.
     nearest: Option<Vec<(String, String)>>,
 }
 

@@ -130,7 +130,7 @@ pub struct Renderer {
     forgot: bool,
     done: Vec<FinishedFrame>,
     events: Vec<Event>,
-    /// Problem that was last reported as an event; `None` if there was none.
+    /// Problem that was reported as an event and is not solved yet, if any.
     failed: Option<String>,
     /// Device numbers (see `epoch`) of the builds in progress, oldest first.
     jobs: VecDeque<u64>,

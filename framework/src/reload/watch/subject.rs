@@ -16,7 +16,7 @@ pub struct Patience {
     pub moving: Duration,
     pub gone: Duration,
     pub gather: Duration,
-    /// Interval between looks at all files.
+    /// Minimum interval between polls of all files; slow polls are less frequent.
     pub interval: Duration,
     /// Returns the contents of a path.
     pub content: fn(&Path) -> Content,

@@ -43,7 +43,7 @@ pub struct Origin {
     /// Names and values of the parameters that are the same in every setting, in the graph's order.
     #[serde(default)]
     pub set: Vec<(String, String)>,
-    /// Hash of the plans of the exact settings, to which all shares of time refer; empty if one cannot be built.
+    /// Hash of the plans of the exact settings, the baseline of all times; empty if one cannot be built.
     pub exact: String,
     /// `reference` for the exact renderer's pictures, or the name of the folder of the true pictures, for headings.
     pub truth: String,
