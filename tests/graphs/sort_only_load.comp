@@ -43,9 +43,9 @@ void main() {
         values[i] = mixed(i);
     }
     if (i == 0u) {
-        // At most 7 workgroups in x, so that the fold into y is tested with few pairs.
+        // At most 7 workgroups in x, so that the fold into y is tested with few pairs; more if y would exceed the limit of GPUs.
         uint groups = (count + uint(GROUP_KEYS) - 1u) / uint(GROUP_KEYS);
-        uint x = clamp(groups, 1u, 7u);
+        uint x = clamp(groups, 1u, max(7u, (groups + 65534u) / 65535u));
         args[ARGS_SORT_GROUPS] = x;
         args[ARGS_SORT_GROUPS + 1u] = (groups + x - 1u) / x;
         args[ARGS_SORT_GROUPS + 2u] = 1u;
