@@ -21,7 +21,7 @@ use builds::{barriers, for_all, plan, run_batch, shown};
 use recipe::{LARGE, SMALL, Settings};
 use render::{Style, render};
 use sketch::Sketch;
-use splatgraph_framework::ir::{DrawCall, Groups, Origin, Run, ShaderStage, Shape, Source, Work};
+use splatgraph_framework::ir::{DrawCall, Groups, Origin, Pass, Run, ShaderStage, Shape, Source, Work};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::{Glslang, ShaderCompiler, ShaderRequest};
 use splatgraph_framework::solve::reorder;
@@ -33,10 +33,16 @@ use crate::common::{long, say};
 
 #[test]
 fn no_barrier_is_missing_and_none_is_needless_and_a_call_has_at_most_one_on_all_memory() {
+    let tested = AtomicUsize::new(0);
     for_all("barriers", LARGE, 2000, |case| {
+        let tests = |pass: &&Pass| matches!(&pass.work, Work::Draw { depth: Some(_), .. });
+        tested.fetch_add(case.plan.passes.iter().filter(tests).count(), Relaxed);
         case.judge(&case.plan, "with memory shared")?;
         case.judge(&case.plan(case.sketch.settings[0], false)?, "with memory apart")
     });
+    let tested = tested.into_inner();
+    say(&format!("random graphs: {tested} draws with a depth attachment"));
+    assert!(tested > 100, "too few depth attachments");
 }
 
 #[test]

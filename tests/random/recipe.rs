@@ -62,11 +62,20 @@ pub const LARGEST: (u32, u32) = (16, 8);
 
 #[derive(Clone, Debug)]
 pub struct ImageWish {
-    /// True for `rgba32f`, which can be drawn to; false for `r32ui`.
-    pub color: bool,
-    /// Width and height.
+    pub content: Content,
+    /// Width and height. A depth image takes the size of a colour image, if there is one.
     pub size: (u32, u32),
     pub history: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Content {
+    /// `rgba32f`, which can be a target.
+    Color,
+    /// `r32ui`.
+    Word,
+    /// `depth32f`, which can only be a depth attachment.
+    Depth,
 }
 
 /// A resource, chosen among the resources that suit the use.
@@ -154,9 +163,12 @@ pub enum Kind {
         once: bool,
         local: u32,
     },
-    /// Targets by index, each with true if its contents are kept.
+    /// Targets by index, each with true if its contents are kept; and the depth attachment, with true if it is written.
     Draw {
         targets: Vec<(usize, bool)>,
+        depth: Option<(usize, bool)>,
+        /// True to add to the targets, false to replace their contents.
+        adds: bool,
         strip: bool,
     },
     /// Fills the bound buffer.
@@ -240,10 +252,11 @@ fn buffer() -> impl Strategy<Value = BufferWish> {
 fn image() -> impl Strategy<Value = ImageWish> {
     // The smallest is smaller than most buffers: in shared memory, reads of parts of a buffer lie behind its pixels.
     let size = select(vec![LARGEST, (8, 4), (2, 2), (2, 2)]);
-    (any::<bool>(), size, weighted(1, 4)).prop_map(|(color, size, history)| ImageWish {
-        color,
+    let content = prop_oneof![1 => Just(Content::Word), 2 => Just(Content::Color), 1 => Just(Content::Depth)];
+    (content, size, weighted(1, 4)).prop_map(|(content, size, history)| ImageWish {
+        content,
         size,
-        history,
+        history: history && content != Content::Depth,
     })
 }
 
@@ -268,7 +281,13 @@ fn when() -> impl Strategy<Value = When> {
 fn kind() -> impl Strategy<Value = (Kind, usize)> {
     prop_oneof![
         8 => (weighted(1, 6), select(vec![8u32, 16, 64])).prop_map(|(once, local)| (Kind::Dispatch { once, local }, 1)),
-        3 => (vec((0..256usize, any::<bool>()), 1..=2), any::<bool>()).prop_map(|(targets, strip)| (Kind::Draw { targets, strip }, 0)),
+        3 => (
+            vec((0..256usize, any::<bool>()), 1..=2),
+            proptest::option::of((0..256usize, any::<bool>())),
+            weighted(1, 3),
+            any::<bool>(),
+        )
+            .prop_map(|(targets, depth, adds, strip)| (Kind::Draw { targets, depth, adds, strip }, 0)),
         1 => (0u32..4).prop_map(|value| (Kind::Fill { value }, 1)),
     ]
 }

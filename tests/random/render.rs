@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use super::recipe::{Count, Half, Kind, Role, Stage, Stands, When};
+use super::recipe::{Content, Count, Half, Kind, Role, Stage, Stands, When};
 use super::sketch::{Bind, Node, Pass, Ref, Sketch, Target};
 
 pub struct Files {
@@ -26,7 +26,7 @@ pub struct Style {
     pub other_names: bool,
     /// True to add passes without readers, each after another pass.
     pub idle_passes: bool,
-    /// True to move passes that access only buffers into included graphs.
+    /// True to move passes into included graphs.
     pub includes: bool,
     /// Depth of the include that is being written.
     pub depth: usize,
@@ -126,7 +126,15 @@ impl Style {
 }
 
 fn format(sketch: &Sketch, image: usize) -> &'static str {
-    if sketch.images[image].color { "rgba32f" } else { "r32ui" }
+    match sketch.images[image].content {
+        Content::Color => "rgba32f",
+        Content::Word => "r32ui",
+        Content::Depth => "depth32f",
+    }
+}
+
+fn is_color(sketch: &Sketch, image: usize) -> bool {
+    sketch.images[image].content == Content::Color
 }
 
 struct Writer<'a> {
@@ -161,11 +169,12 @@ impl Writer<'_> {
         }
     }
 
-    /// Returns true if all accessed resources can be ports: none is an image.
+    /// Returns true if a node belongs into an included graph: of the passes that access images, only about half do.
     fn fits_a_part(&self, node: &Node) -> bool {
         match node {
             Node::Pass(at) => {
-                self.sketch.passes[*at].uses().all(|(what, _)| matches!(what.of, Target::Buffer(_)))
+                let pass = &self.sketch.passes[*at];
+                pass.salt % 2 == 0 || pass.uses().all(|(what, _)| matches!(what.of, Target::Buffer(_)))
             }
             Node::Swap(..) => true,
             Node::Repeat(_, body) => body.iter().all(|node| self.fits_a_part(node)),
@@ -186,15 +195,21 @@ impl Writer<'_> {
         self.nodes(&nodes[1..], repeated);
         let passes = std::mem::replace(&mut self.passes, around);
 
-        let mut buffers = BTreeMap::new();
-        touched(nodes, self.sketch, &mut buffers);
+        let mut all = BTreeMap::new();
+        touched(nodes, self.sketch, &mut all);
         let (mut ports, mut with) = (String::new(), String::new());
-        for (at, both) in buffers {
-            let (buffer, inner) = (Target::Buffer(at), self.style.resource(Target::Buffer(at)));
-            let pair =
-                if both && self.sketch.buffers[at].role == Role::PingPong { ", ping_pong: true" } else { "" };
-            let _ = writeln!(ports, "    \"{inner}\": Buffer(stride: {}{pair}),", self.sketch.stride(at));
-            with += &format!("\"{inner}\": \"{}\", ", outer.resource(buffer));
+        for (of, both) in all {
+            let inner = self.style.resource(of);
+            let port = match of {
+                Target::Buffer(at) => {
+                    let pair = both && self.sketch.buffers[at].role == Role::PingPong;
+                    let pair = if pair { ", ping_pong: true" } else { "" };
+                    format!("Buffer(stride: {}{pair})", self.sketch.stride(at))
+                }
+                Target::Image(at) => format!("Image(format: \"{}\")", format(self.sketch, at)),
+            };
+            let _ = writeln!(ports, "    \"{inner}\": {port},");
+            with += &format!("\"{inner}\": \"{}\", ", outer.resource(of));
         }
         // Declares the constants that conditions, counts and push constants may name.
         let (mut params, mut set) = (String::new(), String::new());
@@ -301,8 +316,8 @@ impl Writer<'_> {
                     "Dispatch(name: \"{name}\",{when}{run} shader: \"{shader}\", size: {size}, bind: {{ {bind}}},{push}),"
                 ));
             }
-            Kind::Draw { targets, strip } => {
-                let [vertex, fragment] = draw(sketch, pass, targets, &slots, shows);
+            Kind::Draw { targets, depth, adds, strip } => {
+                let [vertex, fragment] = draw(sketch, pass, (targets, depth.is_some()), &slots, shows);
                 let (vertex, fragment) = (self.shader(vertex, "vert"), self.shader(fragment, "frag"));
                 let topology = if *strip { "TriangleStrip" } else { "TriangleList" };
                 let call = indirect.unwrap_or_else(|| "Direct(vertices: 3, instances: 1)".into());
@@ -311,11 +326,17 @@ impl Writer<'_> {
                     .map(|(image, keep)| {
                         let load = if *keep { "Keep" } else { "Clear(1, 2, 3, 4)" };
                         let image = style.resource(Target::Image(*image));
-                        format!("Target(image: \"{image}\", load: {load}, blend: Replace), ")
+                        let blend = if *adds { "Add" } else { "Replace" };
+                        format!("Target(image: \"{image}\", load: {load}, blend: {blend}), ")
                     })
                     .collect();
+                let depth = depth.map_or(String::new(), |(image, writes)| {
+                    let image = style.resource(Target::Image(image));
+                    let access = if writes { "Write" } else { "Test" };
+                    format!(", depth: Depth(image: \"{image}\", access: {access})")
+                });
                 self.line(&format!(
-                    "Draw(name: \"{name}\",{when} vertex: \"{vertex}\", fragment: \"{fragment}\", topology: {topology}, call: {call}, bind: {{ {bind}}},{push} targets: [{targets}]),"
+                    "Draw(name: \"{name}\",{when} vertex: \"{vertex}\", fragment: \"{fragment}\", topology: {topology}, call: {call}, bind: {{ {bind}}},{push} targets: [{targets}]{depth}),"
                 ));
             }
         }
@@ -354,19 +375,17 @@ impl Writer<'_> {
     }
 }
 
-/// Collects the buffers that nodes access, with true if they are swapped or if more than the front is used.
-fn touched(nodes: &[Node], sketch: &Sketch, buffers: &mut BTreeMap<usize, bool>) {
+/// Collects the resources that nodes access, with true if they are swapped or if more than the front is used.
+fn touched(nodes: &[Node], sketch: &Sketch, all: &mut BTreeMap<Target, bool>) {
     for node in nodes {
         match node {
             Node::Pass(pass) => {
                 for (what, _) in sketch.passes[*pass].uses() {
-                    if let Target::Buffer(at) = what.of {
-                        *buffers.entry(at).or_default() |= what.half != Half::Front;
-                    }
+                    *all.entry(what.of).or_default() |= what.half != Half::Front;
                 }
             }
-            Node::Swap(at) => *buffers.entry(*at).or_default() = true,
-            Node::Repeat(_, body) => touched(body, sketch, buffers),
+            Node::Swap(at) => *all.entry(Target::Buffer(*at)).or_default() = true,
+            Node::Repeat(_, body) => touched(body, sketch, all),
         }
     }
 }
@@ -415,7 +434,7 @@ fn declaration(sketch: &Sketch, slot: &Slot) -> String {
         }
         Target::Image(at) => {
             let (format, kind) =
-                (format(sketch, at), if sketch.images[at].color { "image2D" } else { "uimage2D" });
+                (format(sketch, at), if is_color(sketch, at) { "image2D" } else { "uimage2D" });
             format!("layout(set = 0, binding = {number}, {format}) uniform {qualifier}{kind} {block};\n")
         }
     }
@@ -429,7 +448,7 @@ fn load(sketch: &Sketch, slot: &Slot, at: &str) -> String {
         Target::Image(image) => {
             let (width, _) = sketch.size(image);
             let load = format!("imageLoad({}, ivec2(({at}) % {width}u, ({at}) / {width}u))", slot.block);
-            if sketch.images[image].color { format!("fold(uvec4({load}))") } else { format!("{load}.x") }
+            if is_color(sketch, image) { format!("fold(uvec4({load}))") } else { format!("{load}.x") }
         }
     }
 }
@@ -527,7 +546,7 @@ fn store(sketch: &Sketch, slot: &Slot) -> String {
         Target::Buffer(_) => format!("{var}[i] = h;"),
         Target::Image(at) => {
             let (width, _) = sketch.size(at);
-            let value = if sketch.images[at].color { COLOR } else { "uvec4(h, 0u, 0u, 0u)" };
+            let value = if is_color(sketch, at) { COLOR } else { "uvec4(h, 0u, 0u, 0u)" };
             format!("imageStore({}, ivec2(i % {width}u, i / {width}u), {value});", slot.block)
         }
     }
@@ -536,7 +555,14 @@ fn store(sketch: &Sketch, slot: &Slot) -> String {
 /// Expression of a colour from the hash `h`: integers that floats represent exactly.
 const COLOR: &str = "vec4(h & 0xffffu, h >> 16, h & 0xffu, (h >> 8) & 0xffffffu)";
 
-fn draw(sketch: &Sketch, pass: &Pass, targets: &[(usize, bool)], slots: &[Slot], all: bool) -> [String; 2] {
+/// Returns the vertex and the fragment shader of a draw. `targets` come with true if the draw tests depths.
+fn draw(
+    sketch: &Sketch,
+    pass: &Pass,
+    (targets, tests): (&[(usize, bool)], bool),
+    slots: &[Slot],
+    all: bool,
+) -> [String; 2] {
     let of = |stages: [Stage; 2]| -> Vec<&Slot> {
         slots.iter().filter(|slot| stages.contains(&slot.bind.stage)).collect()
     };
@@ -544,7 +570,16 @@ fn draw(sketch: &Sketch, pass: &Pass, targets: &[(usize, bool)], slots: &[Slot],
         (slots.iter().filter(|slot| slot.bind.writes))
             .map(|slot| {
                 let count = elements(sketch, slot);
-                format!("    atomicMax({}[{index} % {count}u], mixed(h, {}u));\n", slot.var, slot.number)
+                let at = format!("{index} % {count}u");
+                let (name, place) = match slot.bind.what.of {
+                    Target::Buffer(_) => ("atomicMax", format!("{}[{at}]", slot.var)),
+                    Target::Image(image) => {
+                        let (width, _) = sketch.size(image);
+                        let place = format!("ivec2(({at}) % {width}u, ({at}) / {width}u)");
+                        ("imageAtomicMax", format!("{}, {place}", slot.block))
+                    }
+                };
+                format!("    {name}({place}, mixed(h, {}u));\n", slot.number)
             })
             .collect()
     };
@@ -554,13 +589,15 @@ fn draw(sketch: &Sketch, pass: &Pass, targets: &[(usize, bool)], slots: &[Slot],
     // The triangle covers the whole target, or half of it if contents are kept, so that they stay visible.
     let kept = targets.iter().any(|(_, keep)| *keep);
     let far = if kept { "1.0" } else { "3.0" };
+    // The planes of two draws cross.
+    let z = if tests { "float(h % 8u) / 8.0" } else { "0.0" };
     let _ = write!(
         vertex,
         "void main() {{
         uint v = uint(gl_VertexIndex);
         uint h = mixed(c, v);
 {}{}        tone = h;
-        gl_Position = vec4(v % 3u == 1u ? {far} : -1.0, v % 3u == 2u ? {far} : -1.0, 0.0, 1.0);
+        gl_Position = vec4(v % 3u == 1u ? {far} : -1.0, v % 3u == 2u ? {far} : -1.0, {z}, 1.0);
 }}
 ",
         mix_reads(sketch, &inside, "v", false),

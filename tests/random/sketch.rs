@@ -8,8 +8,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::recipe::{
-    BufferWish, Count, Half, ImageWish, Item, Kind, LARGEST, Limits, PassWish, Pick, Recipe, Role, Settings,
-    Stage, Stands, When,
+    BufferWish, Content, Count, Half, ImageWish, Item, Kind, LARGEST, Limits, PassWish, Pick, Recipe, Role,
+    Settings, Stage, Stands, When,
 };
 
 #[derive(Clone, Debug)]
@@ -72,13 +72,14 @@ impl Pass {
 
     /// Returns everything that the pass accesses, with true for writes.
     pub fn uses(&self) -> impl Iterator<Item = (Ref, bool)> + '_ {
-        let targets = match &self.work {
-            Kind::Draw { targets, .. } => targets.as_slice(),
-            _ => &[],
+        let (targets, depth) = match &self.work {
+            Kind::Draw { targets, depth, .. } => (targets.as_slice(), *depth),
+            _ => (&[][..], None),
         };
         let targets = targets.iter().map(|(image, _)| (front(Target::Image(*image)), true));
+        let depth = depth.map(|(image, writes)| (front(Target::Image(image)), writes));
         let indirect = self.indirect.iter().map(|(what, _)| (*what, false));
-        self.binds.iter().map(|bind| (bind.what, bind.writes)).chain(targets).chain(indirect)
+        self.binds.iter().map(|bind| (bind.what, bind.writes)).chain(targets).chain(depth).chain(indirect)
     }
 }
 
@@ -96,6 +97,8 @@ enum Fault {
     Read(usize),
     /// Through a target whose contents are kept.
     Keep(usize),
+    /// Through a depth attachment that is only tested.
+    Depth,
     Indirect,
 }
 
@@ -121,6 +124,10 @@ impl Sketch {
             // Arguments that start as zeros would make passes write nothing.
             sketch.buffers.iter_mut().filter(|b| b.role == Role::Args).for_each(|b| b.history = false);
         }
+        let colors = sketch.images.iter().filter(|image| image.content == Content::Color);
+        let mut sizes = colors.map(|image| image.size).collect::<Vec<_>>().into_iter().cycle();
+        let depths = sketch.images.iter_mut().filter(|image| image.content == Content::Depth);
+        depths.zip(&mut sizes).for_each(|(image, size)| image.size = size);
         sketch.nodes = recipe.items.iter().filter_map(|item| sketch.node(item, limits)).collect();
         while sketch.longest() + 1 > limits.passes {
             sketch.nodes.pop();
@@ -175,7 +182,9 @@ impl Sketch {
     /// Returns the resource of a wish; any resource if none suits.
     fn resolve(&self, pick: Pick) -> Ref {
         let buffers = (0..self.buffers.len()).map(Target::Buffer);
-        let all: Vec<Target> = buffers.chain((0..self.images.len()).map(Target::Image)).collect();
+        // Shaders cannot access depth attachments.
+        let images = (0..self.images.len()).filter(|at| self.images[*at].content != Content::Depth);
+        let all: Vec<Target> = buffers.chain(images.map(Target::Image)).collect();
         let found = pick.want.and_then(|half| {
             let fits = |of: &&Target| match (half, **of) {
                 (Half::Last, of) => self.history(of),
@@ -201,8 +210,9 @@ impl Sketch {
     /// without a target.
     fn pass(&self, wish: &PassWish, limits: Limits) -> Option<Pass> {
         let mut work = wish.kind.clone();
-        if let Kind::Draw { targets, .. } = &mut work {
+        if let Kind::Draw { targets, depth, .. } = &mut work {
             *targets = self.targets(targets)?;
+            *depth = depth.and_then(|wish| self.depth(wish, self.size(targets[0].0)));
         }
         let draws = matches!(work, Kind::Draw { .. });
         let drawn: Vec<Target> = match &work {
@@ -219,7 +229,7 @@ impl Sketch {
                 (Kind::Draw { .. }, Target::Buffer(at)) => {
                     !self.buffers[at].wide && self.buffers[at].role != Role::Args
                 }
-                (Kind::Draw { .. }, Target::Image(_)) => false,
+                (Kind::Draw { .. }, Target::Image(at)) => self.images[at].content == Content::Word,
                 (Kind::Fill { .. }, Target::Buffer(at)) => {
                     !limits.runs || self.buffers[at].role != Role::Args
                 }
@@ -271,7 +281,7 @@ impl Sketch {
         for (index, keep) in wishes {
             let free = |at: &usize| {
                 let fits = |(other, _): &(usize, bool)| other != at && self.size(*other) == self.size(*at);
-                self.images[*at].color && targets.iter().all(fits)
+                self.images[*at].content == Content::Color && targets.iter().all(fits)
             };
             let free: Vec<usize> = (0..self.images.len()).filter(free).collect();
             if !free.is_empty() {
@@ -279,6 +289,13 @@ impl Sketch {
             }
         }
         (!targets.is_empty()).then_some(targets)
+    }
+
+    /// Returns a depth image of this size, and whether the draw writes it; `None` if there is none.
+    fn depth(&self, (index, writes): (usize, bool), size: (u32, u32)) -> Option<(usize, bool)> {
+        let fits = |at: &usize| self.images[*at].content == Content::Depth && self.size(*at) == size;
+        let all: Vec<usize> = (0..self.images.len()).filter(fits).collect();
+        Some((*all.get(index % all.len().max(1))?, writes))
     }
 
     /// Adds the pass that writes the output.
@@ -291,10 +308,10 @@ impl Sketch {
                 binds.push(Bind { what, reads: true, writes: false, stage: Stage::Fragment });
             }
         }
-        self.images.push(ImageWish { color: true, size: LARGEST, history: false });
+        self.images.push(ImageWish { content: Content::Color, size: LARGEST, history: false });
         let output = self.output();
         let work = if recipe.drawn {
-            Kind::Draw { targets: vec![(output, false)], strip: false }
+            Kind::Draw { targets: vec![(output, false)], depth: None, adds: false, strip: false }
         } else {
             let what = front(Target::Image(output));
             binds.push(Bind { what, reads: false, writes: true, stage: Stage::Fragment });
@@ -373,7 +390,11 @@ impl Sketch {
                         faults.insert((*at, Fault::Read(number)));
                     }
                 }
-                if let Kind::Draw { targets, .. } = &pass.work {
+                if let Kind::Draw { targets, depth, .. } = &pass.work {
+                    if depth.is_some_and(|(at, writes)| !writes && !readable(front(Target::Image(at)), false))
+                    {
+                        faults.insert((*at, Fault::Depth));
+                    }
                     for (number, (image, keep)) in targets.iter().enumerate() {
                         if *keep && !readable(front(Target::Image(*image)), true) {
                             faults.insert((*at, Fault::Keep(number)));
@@ -396,14 +417,14 @@ impl Sketch {
             match (fault, work) {
                 (Fault::Indirect, _) => *indirect = None,
                 (Fault::Keep(number), Kind::Draw { targets, .. }) => targets[*number].1 = false,
+                (Fault::Depth, Kind::Draw { depth, .. }) => *depth = None,
                 // A dispatch keeps the binding and only writes it. A draw cannot write without reading, so it loses the
                 // binding.
                 (Fault::Read(number), Kind::Dispatch { .. }) if binds[*number].writes => {
                     binds[*number].reads = false;
                 }
-                (Fault::Read(number) | Fault::Keep(number), _) => {
-                    binds.remove(*number);
-                }
+                (Fault::Read(number), _) => _ = binds.remove(*number),
+                (Fault::Keep(_) | Fault::Depth, _) => unreachable!("only draws have targets"),
             }
         }
         let stats = self.stats.len();
