@@ -61,7 +61,8 @@ fn convert_row(format: Format, bytes: &[u8], rgb: &mut [[f32; 3]]) {
     let single = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
     match format {
         Format::Rgba8Unorm => {
-            let colours = bytes.chunks_exact(4).map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0));
+            let level = |value: u8| f32::from(value) / 255.0;
+            let colours = bytes.chunks_exact(4).map(|p| [level(p[0]), level(p[1]), level(p[2])]);
             rgb.iter_mut().zip(colours).for_each(|(rgb, colour)| *rgb = colour);
         }
         Format::Rgba16Float => {

@@ -41,14 +41,12 @@ pub fn save_rgba_png(
     values: &[f32],
 ) -> Result<NotFinite, ImageError> {
     let _span = info_span!("encode and write", path = %path.display()).entered();
-    let mut pixels = 0;
-    let pixel = |pixel: &[f32]| {
-        pixels += usize::from(!pixel.iter().all(|value| value.is_finite()));
-        let alpha = pixel[3];
-        let straight = |c: usize| if alpha > 0.0 { pixel[c] / alpha } else { 0.0 };
-        [straight(0), straight(1), straight(2), alpha].map(pixels::level)
-    };
-    let bytes: Vec<u8> = values.chunks_exact(4).flat_map(pixel).collect();
+    let (mut bytes, mut pixels) = (Vec::with_capacity(4 * width * height), 0);
+    for [r, g, b, alpha] in values.as_chunks().0 {
+        let level = |value: &f32| pixels::level(if *alpha > 0.0 { value / alpha } else { 0.0 });
+        bytes.extend([level(r), level(g), level(b), pixels::level(*alpha)]);
+        pixels += usize::from(![r, g, b, alpha].iter().all(|value| value.is_finite()));
+    }
     output::write(path, |out| png::write_bytes((width, height), &bytes, true, out))?;
     Ok(NotFinite { pixels, of: width * height })
 }

@@ -108,11 +108,9 @@ impl Image {
 
     /// Converts every channel to 8 bits, as a screen shows it. Also counts the pixels that are not finite.
     pub fn bytes(&self) -> (Vec<u8>, NotFinite) {
-        let (mut bytes, mut pixels) = (vec![0; 3 * self.rgb.len()], 0);
-        for (bytes, pixel) in bytes.chunks_exact_mut(3).zip(&self.rgb) {
-            bytes.copy_from_slice(&pixel.map(level));
-            pixels += usize::from(!is_finite(*pixel));
-        }
+        // One value at a time: `map` of a pixel's array is called, not inlined, and takes four times as long.
+        let bytes = self.rgb.as_flattened().iter().map(|value| level(*value)).collect();
+        let pixels = self.rgb.iter().filter(|pixel| !is_finite(**pixel)).count();
         (bytes, NotFinite { pixels, of: self.rgb.len() })
     }
 
@@ -221,11 +219,13 @@ pub(super) fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize,
 }
 
 /// Returns true unless a channel is NaN or infinite.
+#[inline]
 pub(crate) fn is_finite(pixel: [f32; 3]) -> bool {
     pixel.iter().all(|value| value.is_finite())
 }
 
 /// Converts a value to a byte: clamped to 0..1, scaled to 0..255, halves rounded up. NaN becomes 0.
+#[inline]
 pub(super) fn level(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }
