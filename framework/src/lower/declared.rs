@@ -460,7 +460,8 @@ impl Collect<'_, '_> {
                 let error = Diagnostic::new(message, at.span(), "exposed here")
                     .with_label(first.place.key(), "the first");
                 let help = format!(
-                    "give it the first one's value, and do not expose it: `set: {{ \"{name_of}\": \"{name_of}\" }}`"
+                    "rename the first; or, if both mean the same, give this one its value, and do not expose it: \
+                     `set: {{ \"{name_of}\": \"{name_of}\" }}`"
                 );
                 return Err(vec![error.with_help(help)]);
             }

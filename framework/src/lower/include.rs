@@ -10,7 +10,7 @@ use super::lowering::{Handle, Level, Lowering, PICTURE, Scope};
 use super::params;
 use super::scope::{Names, check_identifier};
 use crate::ir::{Output, Param, ParamSet, Span, Value};
-use crate::schema::{Expose, Graph, Number, ParamDecl, Part, Reference, ResourceName, is_choice};
+use crate::schema::{Expose, Graph, Number, ParamDecl, ParamKind, Part, Reference, ResourceName, is_choice};
 use crate::source::{Diagnostic, Kind, Place};
 
 fn hides_the_output(inner: &Level) -> Diagnostic {
@@ -268,6 +268,13 @@ impl Lowering<'_> {
             return Err(parameters.unknown(name, place.field("set").field(name).key(), "set here"));
         }
         let exposed = level.exposed.get(&place.id());
+        // A hidden capacity would not grow, and its overflow would go unnoticed.
+        let must_be_exposed = |declared: &declared::Declared| match declared.declaration() {
+            ParamDecl::Live(_) => true,
+            ParamDecl::Const(kind) => {
+                matches!(kind, ParamKind::Int { grows: Some(_), .. }) && !set.contains_key(&declared.name)
+            }
+        };
         let mut names = Names::of(self.request.facts);
         let mut params = Vec::new();
         let (order, circle) = parameters.order(&opened.set);
@@ -286,25 +293,30 @@ impl Lowering<'_> {
                 params.push(param.clone());
                 continue;
             }
-            if matches!(declared.declaration(), ParamDecl::Live(_)) {
-                let live = order.iter().map(|index| &parameters.all[*index]);
-                let live = live.filter(|declared| matches!(declared.declaration(), ParamDecl::Live(_)));
-                let hidden: Vec<&String> =
-                    live.map(|declared| &declared.name).filter(|name| shared(name).is_none()).collect();
+            if must_be_exposed(declared) {
+                let all = order.iter().map(|index| &parameters.all[*index]);
+                let hidden: Vec<&String> = all
+                    .filter(|declared| must_be_exposed(declared))
+                    .map(|declared| &declared.name)
+                    .filter(|name| shared(name).is_none())
+                    .collect();
                 let only: Vec<&String> =
                     exposed.into_iter().flatten().chain(hidden.iter().copied()).collect();
-                // `All` leaves out the parameters of `set`.
+                // `All` leaves out the parameters of `set`. All graphs of a choice must have those that `Only` names.
                 let is_set = hidden.iter().any(|name| set.contains_key(*name));
-                let all = if is_set { "" } else { "`expose: All`, or " };
+                let only = format!("`expose: Only({only:?})`");
+                let write = match (is_set, opened.candidate.is_some()) {
+                    (_, true) => "`expose: All`, without them in `set`".to_string(),
+                    (true, false) => only,
+                    (false, false) => format!("`expose: All`, or {only}"),
+                };
                 let message = format!(
-                    "expected all live parameters to be exposed, found {} only in the included graph",
+                    "expected all parameters that are live or grow to be exposed, found {} only in the included graph",
                     hidden.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
                 );
                 return Err(Diagnostic::new(message, place.field("graph").span(), "included here")
                     .with_label(declared.place.key(), "declared here")
-                    .with_help(format!(
-                        "live parameters must be exposed up to the outermost graph: {all}`expose: Only({only:?})`"
-                    )));
+                    .with_help(format!("they must be exposed up to the outermost graph: {write}")));
             }
             let given = set.get(name).map(|number| (number, &level.names, place.field("set").field(name)));
             let (param, behind) =

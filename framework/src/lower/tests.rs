@@ -173,7 +173,7 @@ fn a_part_has_resources_statistics_and_parameters_that_its_includer_binds() {
     assert_eq!(names, ["width", "size", "share", "room"], "`All` leaves out what `set` decides");
     assert_eq!(all.params[3].grows.as_deref(), Some("made"));
     let refused = plan_of_parts(r#"Include(graph: "maker", name: "maker"),"#, &[]).unwrap_err();
-    assert!(refused.contains("found `share` only in the included graph"), "{refused}");
+    assert!(refused.contains("found `share`, `room` only in the included graph"), "{refused}");
     let live = MAKER.replacen(
         "\"times\": Const",
         "\"more\": Live(Float(default: 1, range: (0, 1))),\n\"times\": Const",
@@ -181,7 +181,7 @@ fn a_part_has_resources_statistics_and_parameters_that_its_includer_binds() {
     );
     let include = r#"Include(graph: "maker", name: "maker", expose: Only(["times"])),"#;
     let refused = try_plan_of(&[("graph.ron", &including(include)), ("maker.ron", &live)], &[]).unwrap_err();
-    let all = ["found `more`, `share` only in the included graph", r#"Only(["times", "more", "share"])"#];
+    let all = ["found `more`, `share`, `room` only in the included graph", r#"Only(["times", "more", "share", "room"])"#];
     assert!(all.iter().all(|text| refused.contains(text)), "{refused}");
 }
 
@@ -189,7 +189,7 @@ fn a_part_has_resources_statistics_and_parameters_that_its_includer_binds() {
 fn includes_of_one_name_under_opposite_conditions_keep_their_parameters_apart() {
     let include = r#"
         Include(graph: "maker", name: "maker", when: "width > 8", expose: All),
-        Include(graph: "maker", name: "maker", when: "width <= 8", set: {"times": 3}, expose: Only(["share"])),"#;
+        Include(graph: "maker", name: "maker", when: "width <= 8", set: {"times": 3}, expose: Only(["share", "room"])),"#;
     let made = |width: &str| {
         let plan = plan_of_parts(include, &[("width", width)]).unwrap_or_else(|e| panic!("{e}"));
         plan.passes.iter().filter(|pass| pass.name.starts_with("maker.")).count()
@@ -568,8 +568,8 @@ fn names_that_a_condition_removes_with_the_pass_are_no_mistake() {
         params: {"deep": Const(Bool(default: false)),
             "source": Const(Choice(default: "nothing", of: ["nothing", "own"]))},
         let: {"result": "deep ? 'maker.a' : 'none.a'"},
-        passes: [Include(graph: "maker", name: "maker", when: "deep", expose: Only(["share"])),
-            Include(graph: "maker", name: "none", when: "!deep", expose: Only(["share"]))])"#;
+        passes: [Include(graph: "maker", name: "maker", when: "deep", expose: Only(["share", "room"])),
+            Include(graph: "maker", name: "none", when: "!deep", expose: Only(["share", "room"]))])"#;
     let narrow = r#"Graph(version: 1, summary: "narrow", resources: {"small": Buffer(stride: 4, count: 64)}, passes: [])"#;
     let wide = r#"Graph(version: 1, summary: "wide", params: {"extra": Const(Int(default: 1, range: (1, 4)))},
         resources: {"large": Buffer(stride: 4, count: 64),
@@ -579,8 +579,8 @@ fn names_that_a_condition_removes_with_the_pass_are_no_mistake() {
         |bind: &str| dispatch("slow", "copy.comp", bind).replace("shader:", r#"when: "width > 8", shader:"#);
     let result = |bound: &str| {
         let passes = [
-            r#"Include(graph: "maker", name: "m", when: "width > 8", expose: Only(["share"])),
-               Include(graph: "inner", name: "i", set: {"deep": "width > 8"}, expose: Only(["share"])),
+            r#"Include(graph: "maker", name: "m", when: "width > 8", expose: Only(["share", "room"])),
+               Include(graph: "inner", name: "i", set: {"deep": "width > 8"}, expose: Only(["share", "room"])),
                Include(graph: "choice", name: "c"),
                Include(graph: "choice", name: "d", when: "width > 8", set: {"extra": 2}),"#,
             &make(),
