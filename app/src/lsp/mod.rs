@@ -313,8 +313,11 @@ impl Server {
         hints::within(self.workspace.hints(&path), params.range.start.line, params.range.end.line)
     }
 
-    /// Resolves a position in an open file to the file's path and the byte offset; `None` if the file is not open.
-    fn place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, usize)> {
+    /// Resolves a position in an open file to the file's path and the byte offset; `None` if the file is not open. The
+    /// request is then answered from the current files.
+    fn place(&mut self, at: &TextDocumentPositionParams) -> Option<(PathBuf, usize)> {
+        // Closed files may have changed on the disk, and not every editor reports this.
+        self.workspace.planner.forget_files();
         let path = text::path_of(&at.text_document.uri)?;
         let offset = text::offset_of(self.workspace.open.get(&path)?, at.position);
         Some((path, offset))

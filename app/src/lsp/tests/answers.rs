@@ -231,6 +231,22 @@ fn a_rename_that_would_give_a_word_of_a_shader_another_meaning_is_refused() {
 }
 
 #[test]
+fn a_closed_file_is_read_again_for_each_request() {
+    let mut editor = Editor::start();
+    let place = editor.place("outer.ron", &OUTER.replace("width / 2", "wi|dth / 2"));
+    assert!(editor.published().1.is_empty());
+    // This editor does not report that files have changed.
+    let copy = COPY.replace("void main", "// A line more.\nvoid main");
+    editor.write("copy.comp", &copy);
+    let renamed = editor.renamed(place, "side").expect("renamed");
+    assert_eq!(renamed["copy.comp"], copy.replace("WIDTH", "SIDE"));
+    editor.write("graph.ron", &GRAPH.replace("\"width\"", "\"side\"").replace("2 * width", "2 * side"));
+    let (_, place) = editor.at("outer.ron", &OUTER.replace("{ \"width\"", "{ \"wi|dth\""));
+    assert_eq!(editor.offered(place), ["side"]);
+    editor.end();
+}
+
+#[test]
 fn a_rename_that_would_let_an_expression_choose_something_else_is_refused() {
     let mut editor = Editor::start();
     let dispatch = |image: &str| {
