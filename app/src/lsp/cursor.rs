@@ -2,6 +2,7 @@
 //!
 //! [`at`] uses only the text before the string, because the file may be incomplete while it is edited.
 
+use splatgraph_framework::source::nearest;
 use std::ops::Range;
 
 /// Meaning of a string at a position in a graph file.
@@ -227,6 +228,12 @@ fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
 pub fn shaders(pass: &Group) -> Vec<String> {
     let named = |key: &str| ["shader", "vertex", "fragment"].contains(&key);
     pass.values.iter().filter(|(key, _)| named(key)).map(|(_, text)| text.clone()).collect()
+}
+
+/// Returns true for RON that is not meant as a graph, such as a list of scenes or other settings.
+pub fn is_foreign(scan: &Scan) -> bool {
+    let is_document = |name: &str| nearest(name, ["Graph", "Preset", "Choice"]).is_some();
+    !scan.groups.iter().any(|group| group.parent == Some(0) && is_document(&group.name))
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use splatgraph_framework::ir::{LIVE_BLOCK, Param, Shape};
 use splatgraph_framework::lower::{self, Control, ExpressionNames};
 use splatgraph_framework::plan::{Plan, Warning};
 use splatgraph_framework::schema::Document;
-use splatgraph_framework::source::{self, Kind, nearest};
+use splatgraph_framework::source::{self, Kind};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 
@@ -195,7 +195,7 @@ impl Workspace {
     fn build(&mut self, path: &Path) {
         self.has_built = true;
         self.planner.forget_files();
-        let is_graph = self.open.get(path).is_none_or(|text| !is_foreign(text));
+        let is_graph = self.open.get(path).is_none_or(|text| !cursor::is_foreign(&Scan::of(text)));
         let built = self.built.entry(path.to_owned()).or_default();
         built.dump = None;
         built.was_graph |= is_graph;
@@ -469,13 +469,6 @@ pub fn warn_of_unused(planner: &mut Planner, graph: &str, plan: &mut Plan) {
         let label = "no expression of this file and no shader mentions it";
         plan.warnings.push(Warning { diagnostic: source::Diagnostic::new(message, span, label), origin });
     }
-}
-
-/// Returns true for RON that is not meant as a graph, such as a list of scenes or other settings.
-fn is_foreign(text: &str) -> bool {
-    let scan = Scan::of(text);
-    let is_document = |name: &str| nearest(name, ["Graph", "Preset", "Choice"]).is_some();
-    !scan.groups.iter().any(|group| group.parent == Some(0) && is_document(&group.name))
 }
 
 fn in_index(path: &Path) -> String {

@@ -3,12 +3,13 @@
 //! A name can have several declarations: a choice leads to several graphs, and several graphs may use one shader.
 //! Declarations that share an occurrence of a name can only be renamed together, so they form a class.
 
-use super::cursor::{Group, Scan, Text};
+use super::cursor::{Group, Scan, Text, is_foreign};
 use super::files::{Search, canonical, is_graph};
 use super::names::{self, Kind, Mention, Role, Word, mentions, words};
 use crate::draw::planner::Planner;
 use indexmap::IndexSet;
 use splatgraph_framework::ir::{FileId, Span};
+use splatgraph_framework::schema::Document;
 use splatgraph_framework::source;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ops::Range;
@@ -559,6 +560,23 @@ impl Index {
         };
         let (file, _) = self.graphs.iter().filter(|(file, _)| is_here(file)).find(has_text)?;
         Some(format!("`{new}` is already a text in {}", self.paths[file].0))
+    }
+
+    /// Returns the path and the line of an error in a graph that may use a name; `None` if all can be parsed. Such a
+    /// graph is one of `users`, or contains the name.
+    ///
+    /// Not all names in such a graph are known: a missing quote swaps texts and code.
+    pub fn unparsed(&self, users: &[String], name: &str) -> Option<String> {
+        self.graphs.iter().find_map(|(file, graph)| {
+            let (path, text) = &self.paths[file];
+            let is_whole = |at: usize| {
+                !text[..at].ends_with(names::continues_name)
+                    && !text[at + name.len()..].starts_with(names::continues_name)
+            };
+            let may_use = || users.contains(path) || text.match_indices(name).any(|(at, _)| is_whole(at));
+            let error = Document::parse(text).err().filter(|_| may_use() && !is_foreign(&graph.scan))?;
+            Some(format!("{path}:{}", error.span.start.line))
+        })
     }
 
     /// Lists the paths of the graphs that a change of these files can affect.

@@ -18,8 +18,8 @@ pub type Edit = (std::ops::Range<usize>, String);
 /// `open` holds the editor's texts. They are restored in the planner after the check.
 ///
 /// # Errors
-/// No graph declares the name at the byte, the new name is not valid, the name occurs in a built-in file, or the new
-/// name would break a graph or change its plan.
+/// No graph declares the name at the byte, the new name is not valid, the name occurs in a built-in file or in a graph
+/// that cannot be parsed, or the new name would break a graph or change its plan.
 pub fn rename(
     planner: &mut Planner,
     index: &Index,
@@ -54,6 +54,9 @@ pub fn rename(
     }
     let changed: BTreeSet<String> = edits.keys().cloned().collect();
     let users = index.users(&changed);
+    if let Some(place) = index.unparsed(&users, old) {
+        return Err(format!("renaming `{old}` to `{new}` could miss uses: fix the error at {place} first"));
+    }
     let before = results(planner, &users);
     let mut texts = open.clone();
     for (file, edits) in &edits {

@@ -247,6 +247,27 @@ fn a_closed_file_is_read_again_for_each_request() {
 }
 
 #[test]
+fn a_rename_is_refused_while_a_graph_that_may_use_the_name_cannot_be_parsed() {
+    let mut editor = Editor::start();
+    let folder = editor.folder.path().canonicalize().expect("there");
+    let marked = GRAPH.replacen("\"table\"", "\"ta|ble\"", 1);
+    let error = |name: &str, line: u32| {
+        let place = folder.join(name);
+        let place = place.display();
+        Err(format!("renaming `table` to `ring` could miss uses: fix the error at {place}:{line} first"))
+    };
+    let place = editor.place("graph.ron", &marked.replace("\"show\"", "\"show"));
+    assert_eq!(editor.renamed(place.clone(), "ring"), error("graph.ron", 5));
+    editor.change("graph.ron", GRAPH);
+    editor.write("outer.ron", &OUTER.replace("\"copy\", shader", "\"copy, shader"));
+    assert_eq!(editor.renamed(place.clone(), "ring"), error("outer.ron", 6));
+    editor.write("outer.ron", OUTER);
+    editor.write("settings.ron", "(chair: \"table)");
+    assert!(editor.renamed(place, "ring").is_ok());
+    editor.end();
+}
+
+#[test]
 fn a_rename_that_would_let_an_expression_choose_something_else_is_refused() {
     let mut editor = Editor::start();
     let dispatch = |image: &str| {
