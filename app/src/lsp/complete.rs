@@ -3,7 +3,7 @@
 use super::cursor::{self, Meaning, Scan};
 use super::files::{self, LANES, nominal_case};
 use super::graph::Workspace;
-use super::names::{self, Role, mentions};
+use super::names::{self, Role, Word, mentions};
 use super::text;
 use crate::draw::builtin;
 use crate::draw::facts::SceneFacts;
@@ -280,12 +280,14 @@ fn beside(graph: &Path, extension: &str) -> Vec<String> {
 /// Collects the names of the blocks and images that a shader and its includes declare, from their `layout` lines. Scans
 /// the text, because the shader may be incomplete and its constants unknown: names in inactive `#if` branches are
 /// included.
-fn blocks(planner: &mut Planner, graph: &str, shader: &str, names: &mut BTreeSet<String>, depth: u32) {
+fn blocks(planner: &mut Planner, graph: &str, shader: &str, found: &mut BTreeSet<String>, depth: u32) {
     let Some((_, text)) = planner.shader(graph, shader).filter(|_| depth < 8) else { return };
-    for line in text.lines().map(str::trim_start) {
-        if let Some(included) = line.strip_prefix("#include \"").and_then(|rest| rest.split('"').next()) {
-            blocks(planner, graph, included, names, depth + 1);
+    for word in names::words(&text) {
+        if let Word::Include(range) = word {
+            blocks(planner, graph, &text[range], found, depth + 1);
         }
+    }
+    for line in text.lines().map(str::trim_start) {
         let Some(declared) = line.strip_prefix("layout(").and_then(|rest| rest.split_once(')')) else {
             continue;
         };
@@ -301,6 +303,6 @@ fn blocks(planner: &mut Planner, graph: &str, shader: &str, names: &mut BTreeSet
         let name = after(&|w| w == "buffer")
             .or_else(|| after(&|w| w.contains("image2D")))
             .or_else(|| after(&|w| w == "uniform"));
-        names.extend(name.map(|name| (*name).to_owned()));
+        found.extend(name.map(|name| (*name).to_owned()));
     }
 }

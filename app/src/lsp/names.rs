@@ -188,9 +188,9 @@ pub fn words(text: &str) -> Vec<Word> {
             at += rest.find('\n').unwrap_or(rest.len());
         } else if rest.starts_with("/*") {
             at += rest.find("*/").map_or(rest.len(), |end| end + 2);
-        } else if let Some(file) = rest.strip_prefix("#include \"") {
+        } else if let Some(file) = after_include(rest) {
             let start = at + rest.len() - file.len();
-            let length = file.find(['"', '\n']).unwrap_or(file.len());
+            let length = file.find(['"', '>', '\n']).unwrap_or(file.len());
             found.push(Word::Include(start..start + length));
             at += rest.find('\n').unwrap_or(rest.len());
         } else if c.is_ascii_alphanumeric() || c == '_' {
@@ -205,6 +205,13 @@ pub fn words(text: &str) -> Vec<Word> {
         }
     }
     found
+}
+
+/// Returns the text after `#include "` or `#include <`, spelled with any blanks; `None` for another text.
+fn after_include(text: &str) -> Option<&str> {
+    let blanks = [' ', '\t'];
+    let directive = text.strip_prefix('#')?.trim_start_matches(blanks).strip_prefix("include")?;
+    directive.trim_start_matches(blanks).strip_prefix(['"', '<'])
 }
 
 #[cfg(test)]
@@ -265,5 +272,9 @@ mod tests {
             .collect();
         assert_eq!(names, ["int", "x", "N", "p"]);
         assert_eq!(words(text)[0], Word::Include(10..16));
+        for include in ["#  include  \"a.glsl\"", "#\tinclude<a.glsl>", "#include <a.glsl> // <b>"] {
+            let [Word::Include(range)] = &words(include)[..] else { panic!("{include}") };
+            assert_eq!(&include[range.clone()], "a.glsl");
+        }
     }
 }

@@ -268,6 +268,19 @@ fn a_rename_is_refused_while_a_graph_that_may_use_the_name_cannot_be_parsed() {
 }
 
 #[test]
+fn a_file_that_a_shader_includes_is_renamed_with_it_however_the_include_is_spelled() {
+    let mut editor = Editor::start();
+    let extension = "#version 460\n#extension GL_GOOGLE_include_directive : require\n";
+    let include = "#if WIDTH == 3\n#  include \"soft.glsl\"\n#endif\n";
+    editor.write("copy.comp", &COPY.replace("#version 460\n", &format!("{extension}{include}")));
+    editor.write("soft.glsl", "const uint SOFT = WIDTH;\n");
+    let place = editor.place("graph.ron", &GRAPH.replace("2 * width", "2 * wi|dth"));
+    let renamed = editor.renamed(place, "side").expect("renamed");
+    assert_eq!(renamed["soft.glsl"], "const uint SOFT = SIDE;\n");
+    editor.end();
+}
+
+#[test]
 fn a_rename_that_would_let_an_expression_choose_something_else_is_refused() {
     let mut editor = Editor::start();
     let dispatch = |image: &str| {
