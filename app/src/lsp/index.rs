@@ -193,7 +193,7 @@ impl Index {
                 let file = planner.file(Some(file), &text[range.clone()], source::Kind::Shader)?;
                 Some((range.clone(), file))
             }
-            Word::Name(_) => None,
+            Word::Name(_) | Word::Local(_) => None,
         });
         let includes: Vec<(Range<usize>, FileId)> = included.collect();
         self.paths.insert(file, (path, text));
@@ -433,8 +433,15 @@ impl Index {
         }
         for (shader, read) in self.with_includes(self.graphs[&file].shaders.values().copied()) {
             for word in &read.words {
-                let Word::Name(range) = word else { continue };
-                if let Some((length, form, declarations)) = known.get(&self.paths[&shader].1[range.clone()]) {
+                // Macros replace every word. A live parameter is hidden by a name that the shader declares.
+                let (range, is_local) = match word {
+                    Word::Name(range) => (range, false),
+                    Word::Local(range) => (range, true),
+                    Word::Include(_) => continue,
+                };
+                let known = known.get(&self.paths[&shader].1[range.clone()]);
+                let known = known.filter(|(_, form, _)| !is_local || *form == Form::Macro);
+                if let Some((length, form, declarations)) = known {
                     let name = Found::new(range.start + length, *form, declarations.clone(), Vec::new());
                     found.push(((shader, range.start), name));
                 }
@@ -447,7 +454,7 @@ impl Index {
         self.with_includes([shader]).find_map(|(shader, read)| {
             let (path, text) = &self.paths[&shader];
             let range = read.words.iter().find_map(|word| match word {
-                Word::Name(range) if text[range.clone()] == *name => Some(range),
+                Word::Name(range) | Word::Local(range) if text[range.clone()] == *name => Some(range),
                 _ => None,
             })?;
             Some(Place { file: path.clone(), start: range.start, end: range.end })

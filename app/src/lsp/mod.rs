@@ -12,6 +12,7 @@ mod hints;
 mod index;
 mod names;
 mod rename;
+mod scopes;
 #[cfg(test)]
 mod tests;
 mod text;

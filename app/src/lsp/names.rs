@@ -1,6 +1,7 @@
 //! Lists the names in a graph file or a shader, with their positions and roles: declarations and references.
 
 use super::cursor::{Group, Meaning, Scan, shaders};
+use super::scopes::Scopes;
 use splatgraph_framework::schema::{ResourceName, is_choice};
 use std::ops::Range;
 
@@ -172,6 +173,8 @@ pub fn continues_name(c: char) -> bool {
 pub enum Word {
     /// The byte range of an identifier that does not follow a dot.
     Name(Range<usize>),
+    /// The byte range of an identifier that the shader declares itself; see [`Scopes`].
+    Local(Range<usize>),
     /// The byte range of the name of an included file.
     Include(Range<usize>),
 }
@@ -180,7 +183,8 @@ pub enum Word {
 pub fn words(text: &str) -> Vec<Word> {
     let mut found = Vec::new();
     let mut at = 0;
-    let mut is_field = false;
+    let (mut is_field, mut is_directive) = (false, false);
+    let mut scopes = Scopes::new();
     while let Some(c) = text[at..].chars().next() {
         let rest = &text[at..];
         let after_a_dot = std::mem::take(&mut is_field);
@@ -195,13 +199,32 @@ pub fn words(text: &str) -> Vec<Word> {
             at += rest.find('\n').unwrap_or(rest.len());
         } else if c.is_ascii_alphanumeric() || c == '_' {
             let length = rest.find(|c| !continues_name(c)).unwrap_or(rest.len());
-            if !c.is_ascii_digit() && !after_a_dot {
-                found.push(Word::Name(at..at + length));
+            let (word, range) = (&rest[..length], at..at + length);
+            if c.is_ascii_digit() || after_a_dot {
+                scopes.sign(c);
+            } else {
+                let is_local = if is_directive { scopes.contains(word) } else { scopes.word(word) };
+                found.push(if is_local { Word::Local(range) } else { Word::Name(range) });
             }
             at += length;
         } else {
+            // A directive ends with its line, unless a backslash continues it.
+            let is_end = c == '\n' && !text[..at].trim_end_matches('\r').ends_with('\\');
+            is_directive = c == '#' || is_directive && !is_end;
+            if c == '#' {
+                scopes.directive(rest);
+            } else if !is_directive && !c.is_whitespace() {
+                scopes.sign(c);
+            }
             is_field = c == '.';
             at += c.len_utf8();
+        }
+    }
+    if !scopes.is_balanced() {
+        for word in &mut found {
+            if let Word::Local(range) = word {
+                *word = Word::Name(range.clone());
+            }
         }
     }
     found
@@ -226,7 +249,7 @@ mod tests {
                 prop_assert_eq!(text.get(mention.range), Some(mention.name.as_str()));
             }
             for word in words(&text) {
-                let (Word::Name(range) | Word::Include(range)) = word;
+                let (Word::Name(range) | Word::Local(range) | Word::Include(range)) = word;
                 prop_assert!(text.get(range).is_some());
             }
         }
@@ -266,7 +289,7 @@ mod tests {
         let names: Vec<&str> = words(text)
             .iter()
             .filter_map(|word| match word {
-                Word::Name(range) => Some(&text[range.clone()]),
+                Word::Name(range) | Word::Local(range) => Some(&text[range.clone()]),
                 Word::Include(_) => None,
             })
             .collect();
@@ -275,6 +298,43 @@ mod tests {
         for include in ["#  include  \"a.glsl\"", "#\tinclude<a.glsl>", "#include <a.glsl> // <b>"] {
             let [Word::Include(range)] = &words(include)[..] else { panic!("{include}") };
             assert_eq!(&include[range.clone()], "a.glsl");
+        }
+    }
+
+    #[test]
+    fn names_that_a_shader_declares_are_local_from_their_initialiser_to_the_end_of_their_block() {
+        // Whether each `r` is local: 1 or 0.
+        for (text, expected) in [
+            ("float f(vec2 p, const in float r) { return r; } float g() { return r; }", "110"),
+            ("float f(float r); float g() { return r; }", "10"),
+            ("struct S { float a, r; } s; float g(S s) { return r * s.r; }", "10"),
+            (
+                "void f() { float r = 2.0 * r, s = r; if (s > r) { s = r; } } float g() { return r; }",
+                "101110",
+            ),
+            ("void f() { float s = g(s, r), r = 1.0; } void g(float[2] r) { r; }", "0111"),
+            (
+                "void f() { for (int i = 0, r = 2; r < 3; r++) for (int j = r; j < r; j++) g(r); g(r); }",
+                "1111110",
+            ),
+            (
+                "void f(float s) { float t[2] = {s, r}; g(t, r); s = t[0], s = r; switch (1) { case 1: s = r; } }",
+                "0000",
+            ),
+            ("void f() { if (a) return r; else r; }", "00"),
+            ("void f() {\n#define TWICE \\\n  float r\n  r; }", "00"),
+            ("void f() {\n#if A\nfloat r = 1.0;\n#endif\ng(r); }", "00"),
+            ("struct S {\n#if A\nfloat r;\n#endif\n}; void f() { g(r); }", "10"),
+            ("#ifndef G\n# define G\nvoid f(float r) { g(r); }\n#endif\nfloat s = r;", "110"),
+            // Each branch of the directives closes the bracket, so the scopes are unknown.
+            ("void f(float r) {\n#if A\nr; }\n#else\nr; }\n#endif", "000"),
+        ] {
+            let is_local = |word: &Word| match word {
+                Word::Local(range) if &text[range.clone()] == "r" => Some('1'),
+                Word::Name(range) if &text[range.clone()] == "r" => Some('0'),
+                _ => None,
+            };
+            assert_eq!(words(text).iter().filter_map(is_local).collect::<String>(), expected, "{text}");
         }
     }
 }

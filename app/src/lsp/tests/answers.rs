@@ -281,6 +281,39 @@ fn a_file_that_a_shader_includes_is_renamed_with_it_however_the_include_is_spell
 }
 
 #[test]
+fn a_live_parameter_is_no_argument_and_no_member_of_the_same_name() {
+    let mut editor = Editor::start();
+    let common = "float disc(vec2 p, float extent) { return length(p) < extent ? 1.0 : 0.0; }\n";
+    editor.write("common.glsl", common);
+    let (from, _) = GRAPH.split_once("Const").expect("there");
+    let graph = |name: &str| {
+        let rest = GRAPH.split_once("ring width\"))").expect("there").1;
+        let live = "Live(Float(default: 4.0, range: (1, 64)))";
+        let whole = format!("{}{live}{rest}", from.replace("width", "extent"));
+        whole.replace("2 * width", "8").replace("show.comp", name)
+    };
+    // The built-in `splat.glsl` has a struct with a member `extent`.
+    let includes = "#version 460\n#extension GL_GOOGLE_include_directive : require\n#include \"live.glsl\"\n\
+                    #include \"common.glsl\"\n#include \"splat.glsl\"\n";
+    let shader = SHADER
+        .replace("#version 460\n", includes)
+        .replace("table[0] = 1", "table[0] = uint(disc(vec2(1), 2.0 * extent))");
+    for (name, shown) in [("a.ron", "a.comp"), ("b.ron", "b.comp")] {
+        editor.write(name, &graph(shown));
+        editor.write(shown, &shader);
+    }
+    let place = editor.place("a.ron", &graph("a.comp").replace("\"extent", "\"ex|tent"));
+    let expected = BTreeMap::from([
+        ("a.ron".to_owned(), graph("a.comp").replace("extent", "size")),
+        ("a.comp".to_owned(), shader.replace("extent", "size")),
+    ]);
+    assert_eq!(editor.renamed(place, "size"), Ok(expected));
+    let place = editor.place("common.glsl", &common.replace("< extent", "< ex|tent"));
+    assert_eq!(editor.defined(place), []);
+    editor.end();
+}
+
+#[test]
 fn a_rename_that_would_let_an_expression_choose_something_else_is_refused() {
     let mut editor = Editor::start();
     let dispatch = |image: &str| {
