@@ -225,9 +225,19 @@ fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
     }
 }
 
+/// Lists the shaders that a pass names. An expression may choose one of several.
 pub fn shaders(pass: &Group) -> Vec<String> {
     let named = |key: &str| ["shader", "vertex", "fragment"].contains(&key);
-    pass.values.iter().filter(|(key, _)| named(key)).map(|(_, text)| text.clone()).collect()
+    let texts = pass.values.iter().filter(|(key, _)| named(key)).map(|(_, text)| text.as_str());
+    let names = texts.flat_map(|text| match text.contains('\'') {
+        true => text.split('\'').filter(|part| is_shader(part)).collect(),
+        false => vec![text],
+    });
+    names.map(str::to_owned).collect()
+}
+
+pub fn is_shader(name: &str) -> bool {
+    [".comp", ".vert", ".frag"].iter().any(|extension| name.ends_with(extension))
 }
 
 /// Returns true for RON that is not meant as a graph, such as a list of scenes or other settings.

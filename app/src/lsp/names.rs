@@ -1,6 +1,6 @@
 //! Lists the names in a graph file or a shader, with their positions and roles: declarations and references.
 
-use super::cursor::{Group, Meaning, Scan, shaders};
+use super::cursor::{Group, Meaning, Scan, is_shader, shaders};
 use super::scopes::Scopes;
 use splatgraph_framework::schema::{ResourceName, is_choice};
 use std::ops::Range;
@@ -140,7 +140,8 @@ fn expression(text: &str, resources: bool, add: &mut impl FnMut(Range<usize>, Ro
             let before = text[..at].trim_end();
             let compared = before.ends_with("==") || before.ends_with("!=") || is_operator(after);
             let literal = &text[inside.clone()];
-            if literal.ends_with(".comp") || literal.ends_with(".vert") || literal.ends_with(".frag") {
+            let is_named = resources && compared(text, &inside).is_none();
+            if is_shader(literal) {
                 add(inside.clone(), Role::Shader);
             } else if let Some(name) = resource(literal).filter(|_| resources && !compared) {
                 let mut shifted = |place: Range<usize>, role| {

@@ -30,6 +30,19 @@ fn blocks_resources_names_and_formats_are_offered_where_each_can_stand() {
 }
 
 #[test]
+fn blocks_of_all_shaders_that_an_expression_can_choose_are_known() {
+    let mut editor = Editor::start();
+    editor.write("copy.comp", &COPY.replace("void main", "# include <more.glsl>\nvoid main"));
+    editor.write("more.glsl", "layout(set = 0, binding = 3, rgba8) uniform image2D more;\n");
+    let graph = GRAPH.replace("\"show.comp\"", "\"width > 5 ? 'copy.comp' : 'show.comp'\"");
+    let place = editor.place("graph.ron", &graph.replace("\"Table\"", "\"Ta|ble\""));
+    assert_eq!(editor.offered(place.clone()), ["Table", "from", "more", "picture", "to"]);
+    let files = editor.defined(place).into_iter().map(|(file, ..)| file);
+    assert_eq!(files.collect::<Vec<_>>(), ["copy.comp", "show.comp"]);
+    editor.end();
+}
+
+#[test]
 fn a_completion_replaces_the_name_around_the_cursor_and_no_other() {
     let mut editor = Editor::start();
     editor.open("graph.ron", GRAPH);
