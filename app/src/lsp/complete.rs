@@ -3,6 +3,7 @@
 use super::cursor::{self, Meaning, Scan};
 use super::files::{self, LANES, nominal_case};
 use super::graph::Workspace;
+use super::index::Index;
 use super::names::{self, Role, Word, mentions};
 use super::text;
 use crate::draw::builtin;
@@ -52,6 +53,14 @@ impl Workspace {
         graph.ports.into_iter().map(|(name, port)| (name, described(port).to_owned())).collect()
     }
 
+    /// Lists the options of a choice: of a parameter of `included`, or of the graph at `path` itself. Empty for other
+    /// parameters.
+    fn choices(&mut self, path: &Path, included: Option<&str>, parameter: &str) -> Vec<String> {
+        let file = self.planner.file(None, &path.display().to_string(), Kind::Graph);
+        let of = |file| Index::of_graph(&mut self.planner, file).choices(file, included, parameter);
+        file.map(of).unwrap_or_default()
+    }
+
     pub fn completion(&mut self, path: &Path, offset: usize) -> Vec<CompletionItem> {
         let Some(text) = &self.open_graph(path) else { return Vec::new() };
         let Some(cursor) = cursor::at(text, offset) else { return Vec::new() };
@@ -61,8 +70,29 @@ impl Workspace {
             offered.entry(name.to_owned()).or_insert((kind, about));
         };
         let whole = &text[cursor.inside.clone()];
-        let is_quoted = text[cursor.inside.start..offset].matches('\'').count() % 2 == 1;
+        let before = &text[cursor.inside.start..offset];
+        let quote = before.rfind('\'').filter(|_| before.matches('\'').count() % 2 == 1);
+        let is_quoted = quote.is_some();
+        let compared = quote.and_then(|quote| {
+            let end = whole[before.len()..].find('\'').map_or(whole.len(), |end| before.len() + end);
+            names::compared(whole, &(quote + 1..end))
+        });
+        let choice = match (&cursor.meaning, compared) {
+            (_, Some(name)) => Some((None, name)),
+            (Meaning::Value { graph: Some(graph), parameter }, _) => {
+                Some((Some(graph.as_str()), parameter.as_str()))
+            }
+            _ => None,
+        };
+        if let Some((graph, name)) = choice {
+            for option in self.choices(path, graph, name) {
+                offer(&option, CompletionItemKind::ENUM_MEMBER, format!("a value of `{name}`"));
+            }
+        }
         let meaning = match cursor.meaning {
+            // Names of values do not stand in quotes, and a comparison has only the options there.
+            _ if compared.is_some() => Meaning::Free,
+            Meaning::Expression | Meaning::Value { .. } if is_quoted => Meaning::Free,
             // The condition of an expression that chooses a resource, a shader or a format.
             Meaning::Resource | Meaning::Shader { .. } | Meaning::Format
                 if is_choice(whole) && !is_quoted =>
@@ -100,7 +130,7 @@ impl Workspace {
                     offer(&name, CompletionItemKind::VARIABLE, "of this graph".into());
                 }
             }
-            Meaning::Expression => {
+            Meaning::Expression | Meaning::Value { .. } => {
                 for (name, value) in self.built.get(path).iter().flat_map(|built| built.names.iter()) {
                     offer(name, CompletionItemKind::CONSTANT, format!("= {value}"));
                 }
@@ -180,8 +210,10 @@ impl Workspace {
         let cursor = cursor::at(text, offset)?;
         self.ensure_built(path);
         let word = &text[around(text, &cursor.inside, offset, is_in_name)];
-        let is_expression =
-            matches!(cursor.meaning, Meaning::Expression | Meaning::Resource | Meaning::Format);
+        let is_expression = matches!(
+            cursor.meaning,
+            Meaning::Expression | Meaning::Value { .. } | Meaning::Resource | Meaning::Format
+        );
         let role = mentions(text, &Scan::of(text))
             .into_iter()
             .find(|mention| (mention.range.start..=mention.range.end).contains(&offset))

@@ -27,6 +27,12 @@ pub enum Meaning {
     Resource,
     /// An expression over parameters, facts and `let`s.
     Expression,
+    /// The value of a parameter in `set`: an expression, or one of the options of a choice.
+    Value {
+        /// The graph of the include or of the preset, if the scanned text names it.
+        graph: Option<String>,
+        parameter: String,
+    },
     Shader {
         /// Extension of the shaders of this stage.
         extension: &'static str,
@@ -208,6 +214,10 @@ fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
             let include = around.iter().find(|around| around.name == "Include");
             Meaning::Parameter { graph: include.and_then(graph) }
         }
+        (Some(parameter), "set") if group.is_map => {
+            let graph = around.first().and_then(graph);
+            Meaning::Value { graph, parameter: parameter.to_owned() }
+        }
         (Some(_), "bind" | "with" | "outputs") if group.is_map => Meaning::Resource,
         (Some("image" | "buffer" | "output"), _) => Meaning::Resource,
         (Some("shader"), _) => Meaning::Shader { extension: "comp" },
@@ -298,6 +308,10 @@ mod tests {
             ("Include(graph: \"a\", with: { \"k|".into(), Some(Meaning::Port { graph: Some("a".into()) })),
             ("Include(graph: \"a\", expose: Only([\"w|".into(), parameter("a")),
             ("Preset(graph: \"b\", set: { \"|".into(), parameter("b")),
+            (
+                "Preset(graph: \"b\", set: { \"n\": \"|".into(),
+                Some(Meaning::Value { graph: Some("b".into()), parameter: "n".into() }),
+            ),
             ("Dispatch(shader: \"|".into(), Some(Meaning::Shader { extension: "comp" })),
             ("Draw(vertex: \"|".into(), Some(Meaning::Shader { extension: "vert" })),
             ("Draw(vertex: \"a.vert\", fragment: \"|".into(), Some(Meaning::Shader { extension: "frag" })),

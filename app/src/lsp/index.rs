@@ -263,9 +263,7 @@ impl Index {
                 let includes = |file| self.declared(file, |d| d.kind == Kind::Include && d.name == name);
                 self.inside(file, within).into_iter().flat_map(includes).collect()
             }
-            Role::ParameterOf(other) => {
-                self.leaves(file, other).into_iter().flat_map(|file| self.parameter(file, name, 0)).collect()
-            }
+            Role::ParameterOf(other) => self.parameter_of(file, other, name),
             Role::PortOf(other) => {
                 self.leaves(file, other).into_iter().flat_map(|file| self.resource(file, name)).collect()
             }
@@ -339,6 +337,21 @@ impl Index {
         let exposed = self.includes(file).into_iter().filter(|include| include.exposes(name));
         let leaves = exposed.flat_map(|include| self.leaves(file, &include.graph)).collect::<BTreeSet<_>>();
         leaves.into_iter().flat_map(|leaf| self.parameter(leaf, name, depth + 1)).collect()
+    }
+
+    /// Finds a parameter of a graph that another one names `other`.
+    fn parameter_of(&self, file: FileId, other: &str, name: &str) -> Vec<usize> {
+        self.leaves(file, other).into_iter().flat_map(|leaf| self.parameter(leaf, name, 0)).collect()
+    }
+
+    /// Lists the options of a graph's parameter, or of one of `other`, which the graph names. Empty unless it is a
+    /// choice.
+    pub fn choices(&self, file: FileId, other: Option<&str>, name: &str) -> Vec<String> {
+        let declared = match other {
+            Some(other) => self.parameter_of(file, other, name),
+            None => self.value(file, name),
+        };
+        declared.into_iter().flat_map(|d| self.declarations[d].choices.clone()).collect()
     }
 
     fn parameters(&self, file: FileId, depth: usize) -> BTreeSet<String> {

@@ -94,7 +94,7 @@ pub fn mentions(text: &str, scan: &Scan) -> Vec<Mention> {
                     None => expression(inside, false, &mut add),
                 },
                 Meaning::Resource => expression(inside, true, &mut add),
-                Meaning::Expression | Meaning::Shader { .. } | Meaning::Format => {
+                Meaning::Expression | Meaning::Value { .. } | Meaning::Shader { .. } | Meaning::Format => {
                     expression(inside, key.is_some() && lead == "let", &mut add);
                 }
                 Meaning::Free
@@ -127,23 +127,34 @@ fn of_path(text: &str, range: Range<usize>, add: &mut impl FnMut(Range<usize>, R
     }
 }
 
-/// Adds the names in an expression and in its single-quoted strings: shaders, and resources if `resources` is true. A
-/// string operand of `==` or `!=` is an option of a choice, not a resource.
+/// Returns the name with which an expression compares the single-quoted string that lies at `inside`. The name is empty
+/// if the other operand does not end in one; `None` if the string is no operand of `==` or `!=`.
+///
+/// Such a string is an option of a choice.
+pub fn compared<'a>(text: &'a str, inside: &Range<usize>) -> Option<&'a str> {
+    let is_in_name = |c: char| continues_name(c) || c == '.';
+    let before = text[..inside.start - 1].trim_end();
+    if let Some(left) = before.strip_suffix("==").or(before.strip_suffix("!=")) {
+        let left = left.trim_end();
+        return Some(&left[left.trim_end_matches(is_in_name).len()..]);
+    }
+    let after = text.get(inside.end + 1..)?.trim_start();
+    let right = after.strip_prefix("==").or(after.strip_prefix("!="))?.trim_start();
+    Some(&right[..right.len() - right.trim_start_matches(is_in_name).len()])
+}
+
+/// Adds the names in an expression and in its single-quoted strings: shaders, and resources if `resources` is true.
 fn expression(text: &str, resources: bool, add: &mut impl FnMut(Range<usize>, Role)) {
     let mut at = 0;
     while let Some(c) = text[at..].chars().next() {
         let rest = &text[at..];
         if c == '\'' {
             let inside = at + 1..rest[1..].find('\'').map_or(text.len(), |end| at + 1 + end);
-            let is_operator = |text: &str| text.starts_with("==") || text.starts_with("!=");
-            let after = text.get(inside.end + 1..).unwrap_or_default().trim_start();
-            let before = text[..at].trim_end();
-            let compared = before.ends_with("==") || before.ends_with("!=") || is_operator(after);
             let literal = &text[inside.clone()];
             let is_named = resources && compared(text, &inside).is_none();
             if is_shader(literal) {
                 add(inside.clone(), Role::Shader);
-            } else if let Some(name) = resource(literal).filter(|_| resources && !compared) {
+            } else if let Some(name) = resource(literal).filter(|_| is_named) {
                 let mut shifted = |place: Range<usize>, role| {
                     add(inside.start + place.start..inside.start + place.end, role);
                 };

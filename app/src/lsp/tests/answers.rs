@@ -43,6 +43,35 @@ fn blocks_of_all_shaders_that_an_expression_can_choose_are_known() {
 }
 
 #[test]
+fn the_options_of_a_choice_are_offered_where_it_is_compared_or_set() {
+    let mut editor = Editor::start();
+    let style = "params: { \"style\": Const(Choice(default: \"plain\", of: [\"plain\", \"soft\"])), ";
+    let graph = GRAPH.replace("params: { ", style);
+    editor.write("graph.ron", &graph);
+    for (from, marked, expected) in [
+        (": \"table\"", ": \"style == '|' ? 'picture' : 'table'\"", vec!["plain", "soft"]),
+        (": \"table\"", ": \"style == 'soft' ? 'pic|ture' : 'table'\"", vec!["picture", "table"]),
+        ("\"show\"", "\"show\", when: \"'so|ft' != style\"", vec!["plain", "soft"]),
+        ("\"show\"", "\"show\", when: \"width == '|'\"", vec![]),
+    ] {
+        let place = editor.place("graph.ron", &graph.replacen(from, marked, 1));
+        assert_eq!(editor.offered(place), expected, "{marked}");
+    }
+    let preset = |value: &str| {
+        format!("Preset(graph: \"graph.ron\", summary: \"\", set: {{ \"style\": \"{value}\" }})")
+    };
+    let place = editor.place("preset.ron", &preset("scene.count > 5 ? 'so|ft' : 'plain'"));
+    assert_eq!(editor.offered(place), ["plain", "soft"]);
+    let place = editor.place("preset.ron", &preset("so|"));
+    let offered = editor.offered(place);
+    assert!(
+        ["plain", "soft", "scene.count"].iter().all(|name| offered.iter().any(|o| o == name)),
+        "{offered:?}"
+    );
+    editor.end();
+}
+
+#[test]
 fn a_completion_replaces_the_name_around_the_cursor_and_no_other() {
     let mut editor = Editor::start();
     editor.open("graph.ron", GRAPH);
