@@ -250,6 +250,11 @@ impl Planner {
         self.ask((graph, set), facts, catalog, ask).unwrap_or_default()
     }
 
+    /// Lists the folders on disk that are searched for a name in a file, in order of search.
+    pub fn folders(&self, from: FileId, kind: Kind) -> Vec<String> {
+        self.files.disk_folders(Some(from), kind)
+    }
+
     /// Drops the cached files, so that the next plan reads them again. Unchanged shaders are not recompiled.
     pub fn forget_files(&mut self) {
         self.files = files(&self.settings, &self.unsaved);

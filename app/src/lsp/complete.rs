@@ -20,7 +20,7 @@ use splatgraph_framework::schema::{Document, Port, is_choice};
 use splatgraph_framework::source::Kind;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 impl Workspace {
     /// Lists the parameters of `included`; empty if it has errors.
@@ -59,6 +59,27 @@ impl Workspace {
         let file = self.planner.file(None, &path.display().to_string(), Kind::Graph);
         let of = |file| Index::of_graph(&mut self.planner, file).choices(file, included, parameter);
         file.map(of).unwrap_or_default()
+    }
+
+    /// Lists the user's files that the graph at `path` can name, without the graph itself. They are in the folders that
+    /// are searched, and one folder below.
+    fn own_files(&mut self, path: &Path, kind: Kind, extension: &str) -> Vec<String> {
+        let entries = |folder: &Path| {
+            let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+            entries.filter_map(|entry| Some((entry.file_name().into_string().ok()?, entry.path())))
+        };
+        let Some(file) = self.planner.file(None, &path.display().to_string(), Kind::Graph) else {
+            return Vec::new();
+        };
+        let folders = self.planner.folders(file, kind);
+        let files = folders.iter().flat_map(|folder| entries(Path::new(folder))).flat_map(|(name, at)| {
+            let below = entries(&at).map(|(inner, at)| (format!("{name}/{inner}"), at)).collect::<Vec<_>>();
+            below.into_iter().chain([(name, at)])
+        });
+        let graph = files::canonical(path);
+        let is_offered =
+            |(name, at): &(String, PathBuf)| has_extension(name, extension) && files::canonical(at) != graph;
+        files.filter(is_offered).map(|(name, _)| name).collect()
     }
 
     pub fn completion(&mut self, path: &Path, offset: usize) -> Vec<CompletionItem> {
@@ -167,8 +188,8 @@ impl Workspace {
                         offer(&format!("{}.ron", file.name), CompletionItemKind::FILE, file.summary);
                     }
                 }
-                for name in beside(path, "ron") {
-                    offer(&name, CompletionItemKind::FILE, "beside this graph".into());
+                for name in self.own_files(path, Kind::Graph, "ron") {
+                    offer(&name, CompletionItemKind::FILE, "of this project".into());
                 }
             }
             Meaning::Shader { extension } => {
@@ -177,8 +198,8 @@ impl Workspace {
                         offer(file.name, CompletionItemKind::FILE, file.summary);
                     }
                 }
-                for name in beside(path, extension) {
-                    offer(&name, CompletionItemKind::FILE, "beside this graph".into());
+                for name in self.own_files(path, Kind::Shader, extension) {
+                    offer(&name, CompletionItemKind::FILE, "of this project".into());
                 }
             }
             Meaning::Block { shaders } => {
@@ -300,13 +321,6 @@ fn declared(text: &str, kinds: &[names::Kind]) -> Vec<String> {
 
 fn has_extension(name: &str, extension: &str) -> bool {
     Path::new(name).extension().is_some_and(|other| other == extension)
-}
-
-/// Lists the names of the files with this extension in the folder of a graph.
-fn beside(graph: &Path, extension: &str) -> Vec<String> {
-    let Some(Ok(entries)) = graph.parent().map(std::fs::read_dir) else { return Vec::new() };
-    let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
-    names.filter(|name| has_extension(name, extension)).collect()
 }
 
 /// Collects the names of the blocks and images that a shader and its includes declare, from their `layout` lines. Scans

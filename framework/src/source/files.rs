@@ -391,8 +391,8 @@ impl SourceMap {
         paths
     }
 
-    /// Lists the folders on disk to search for a name, in order of search.
-    fn disk_folders(&self, from: Option<FileId>, kind: Kind) -> Vec<String> {
+    /// Lists the folders on disk that [`SourceMap::find`] searches for a name, in order of search.
+    pub fn disk_folders(&self, from: Option<FileId>, kind: Kind) -> Vec<String> {
         let Some(from) = from else { return vec![String::new(), kind.folder().to_string()] };
         let Some(file) = self.file(from).filter(|f| f.disk.is_some()) else { return Vec::new() };
         let folder = parent(&file.path);

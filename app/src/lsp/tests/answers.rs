@@ -43,6 +43,26 @@ fn blocks_of_all_shaders_that_an_expression_can_choose_are_known() {
 }
 
 #[test]
+fn own_files_in_the_folders_that_are_searched_are_offered_but_not_the_graph_itself() {
+    let mut editor = Editor::start();
+    for name in
+        ["pipelines/my.ron", "pipelines/parts/mine.ron", "shaders/mine.comp", "shaders/sort/mine.comp"]
+    {
+        std::fs::create_dir_all(editor.path(name).parent().expect("a folder")).expect("writable");
+        editor.write(name, "");
+    }
+    let offered = |editor: &mut Editor, text: &str| {
+        let place = editor.place("pipelines/my.ron", text);
+        let offered = editor.offered(place).into_iter();
+        offered.filter(|name| name.contains("mine") || name == "my.ron").collect::<Vec<_>>()
+    };
+    let shaders = offered(&mut editor, "Graph(passes: [Dispatch(shader: \"|");
+    assert_eq!(shaders, ["mine.comp", "sort/mine.comp"]);
+    assert_eq!(offered(&mut editor, "Graph(passes: [Include(graph: \"|"), ["parts/mine.ron"]);
+    editor.end();
+}
+
+#[test]
 fn the_options_of_a_choice_are_offered_where_it_is_compared_or_set() {
     let mut editor = Editor::start();
     let style = "params: { \"style\": Const(Choice(default: \"plain\", of: [\"plain\", \"soft\"])), ";
