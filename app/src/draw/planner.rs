@@ -250,6 +250,11 @@ impl Planner {
         self.ask((graph, set), facts, catalog, ask).unwrap_or_default()
     }
 
+    /// Returns the additional folders from which graphs may use files.
+    pub fn include_roots(&self) -> &[PathBuf] {
+        &self.settings.include_roots
+    }
+
     /// Lists the folders on disk that are searched for a name in a file, in order of search.
     pub fn folders(&self, from: FileId, kind: Kind) -> Vec<String> {
         self.files.disk_folders(Some(from), kind)

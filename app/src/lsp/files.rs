@@ -41,14 +41,22 @@ pub fn canonical(path: &Path) -> PathBuf {
 /// A search for the graphs that may use files. It lists a folder again only if more levels below it are needed.
 ///
 /// A graph may use the files below its own folder, and those in the folders `pipelines` and `shaders` that are around
-/// or beside its own. Therefore, the whole disk need not be searched.
+/// or beside its own. Therefore, the whole disk need not be searched. Files in a folder given by `--include-root` may
+/// be used from anywhere, so for these, the folders that are open in the editor are searched, too.
 #[derive(Default)]
 pub struct Search {
+    include_roots: Vec<PathBuf>,
+    folders: Vec<PathBuf>,
     /// Listed folders, each with the number of levels below it that were also listed.
     listed: BTreeMap<PathBuf, usize>,
 }
 
 impl Search {
+    pub fn new(include_roots: &[PathBuf], folders: &[PathBuf]) -> Search {
+        let include_roots = include_roots.iter().map(|root| source::canonical(root)).collect();
+        Search { include_roots, folders: folders.to_vec(), listed: BTreeMap::new() }
+    }
+
     /// Lists the graphs that may use the file at a canonical path. Leaves out folders that were listed before. May list
     /// a graph twice.
     pub fn users_of(&mut self, file: &Path) -> Vec<PathBuf> {
@@ -61,6 +69,9 @@ impl Search {
                 self.list(project, 1, &mut found);
                 LIBRARIES.iter().for_each(|name| self.list(&project.join(name), usize::MAX, &mut found));
             }
+        }
+        if self.include_roots.iter().any(|root| file.starts_with(root)) {
+            self.folders.clone().iter().for_each(|folder| self.list(folder, usize::MAX, &mut found));
         }
         found
     }

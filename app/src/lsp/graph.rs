@@ -1,7 +1,7 @@
 //! Builds the open graphs, and answers requests about them.
 
 use super::cursor::{self, Scan};
-use super::files::{self, LANES, is_graph, nominal_case};
+use super::files::{self, LANES, Search, is_graph, nominal_case};
 use super::index::{Index, Place};
 use super::{hints, names, rename, text};
 use crate::draw::backend;
@@ -26,6 +26,8 @@ const MAX_TRIES: usize = 4;
 pub struct Workspace {
     /// Texts of the files that are open in the editor, by path.
     pub open: BTreeMap<PathBuf, String>,
+    /// Folders that are open in the editor. They may use files of the folders given by `--include-root`.
+    pub folders: Vec<PathBuf>,
     pub(super) planner: Planner,
     /// The open graphs, and closed graphs that use an open shader or part.
     pub(super) built: BTreeMap<PathBuf, Built>,
@@ -353,7 +355,9 @@ impl Workspace {
 
     fn index(&mut self, path: &Path) -> Index {
         let graphs = self.open.keys().filter(|path| is_graph(path)).map(|path| files::canonical(path));
-        Index::of(&mut self.planner, &files::canonical(path), graphs.collect())
+        let graphs = graphs.collect();
+        let search = Search::new(self.planner.include_roots(), &self.folders);
+        Index::of(&mut self.planner, &files::canonical(path), graphs, search)
     }
 
     pub fn definitions(&mut self, path: &Path, offset: usize) -> Vec<Location> {
@@ -495,6 +499,27 @@ fn resources(plan: &Plan) -> BTreeMap<String, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::draw::planner::Settings;
+
+    #[test]
+    fn uses_of_a_file_in_an_include_root_are_found_in_the_folders_that_are_open() {
+        let [library, project] = [(); 2].map(|()| tempfile::tempdir().expect("a folder"));
+        let [part, user] = [library.path().join("part.ron"), project.path().join("deep/user.ron")];
+        let text =
+            "Graph(version: 1, summary: \"\", params: { \"width\": Const(Bool(default: true)) }, passes: [])";
+        std::fs::write(&part, text).expect("writable");
+        std::fs::create_dir(user.parent().expect("a folder")).expect("writable");
+        let preset =
+            format!("Preset(graph: \"{}\", summary: \"\", set: {{ \"width\": false }})", part.display());
+        std::fs::write(&user, preset).expect("writable");
+        let settings = Settings { include_roots: vec![library.path().to_owned()], ..Settings::default() };
+        let mut workspace = Workspace { planner: Planner::new(settings), ..Workspace::default() };
+        let declared = text.find("width").expect("there");
+        assert_eq!(workspace.references(&part, declared, false), []);
+        workspace.folders = vec![files::canonical(project.path())];
+        let found = workspace.references(&part, declared, false);
+        assert_eq!(found.iter().map(|use_| text::path_of(&use_.uri)).collect::<Vec<_>>(), [Some(user)]);
+    }
 
     #[test]
     fn a_change_queues_the_graphs_that_depend_on_it_and_the_edited_one_first() {

@@ -91,9 +91,8 @@ pub struct Index {
 impl Index {
     /// Indexes a file, some graphs, and the files that they name or that may name them, directly or indirectly. The
     /// paths are canonical.
-    pub fn of(planner: &mut Planner, path: &Path, graphs: Vec<PathBuf>) -> Index {
+    pub fn of(planner: &mut Planner, path: &Path, graphs: Vec<PathBuf>, mut search: Search) -> Index {
         let mut index = Index::default();
-        let mut search = Search::default();
         let (mut waiting, mut searched) = (graphs, BTreeSet::new());
         waiting.extend(search.users_of(path));
         while let Some(graph) = waiting.pop() {

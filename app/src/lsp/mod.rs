@@ -84,6 +84,8 @@ pub fn serve(connection: &Connection) -> Result<bool> {
         refreshes: workspace.inlay_hint.filter(|hints| hints.refresh_support == Some(true)).map(|_| 0),
         is_shut_down: false,
     };
+    let folders = editor.workspace_folders.iter().flatten().filter_map(|folder| text::path_of(&folder.uri));
+    server.workspace.folders = folders.map(|folder| files::canonical(&folder)).collect();
     loop {
         let received = match server.workspace.is_settled {
             true => connection.receiver.recv().map_err(Into::into),
