@@ -62,6 +62,17 @@ fn a_scene_is_drawn_from_every_camera_with_statistics_and_sorted_keys() {
 }
 
 #[test]
+fn the_pass_that_sorts_the_keys_has_one_name_whichever_variant_sorts() {
+    let place = Place::demo(2000);
+    for sorter in ["sweep", "subgroup", "serial"] {
+        let text = place.done(&format!(
+            "render scene.ply -p splat --set sorter={sorter} --size 64x36 -o a.png --inspect keys@scatter"
+        ));
+        assert!(text.contains("\n  monotonic: the first "), "{sorter}: {text}");
+    }
+}
+
+#[test]
 fn pixels_that_a_file_cannot_hold_are_counted() {
     let place = Place::demo(50);
     place.write(
