@@ -181,7 +181,10 @@ fn a_part_has_resources_statistics_and_parameters_that_its_includer_binds() {
     );
     let include = r#"Include(graph: "maker", name: "maker", expose: Only(["times"])),"#;
     let refused = try_plan_of(&[("graph.ron", &including(include)), ("maker.ron", &live)], &[]).unwrap_err();
-    let all = ["found `more`, `share`, `room` only in the included graph", r#"Only(["times", "more", "share", "room"])"#];
+    let all = [
+        "found `more`, `share`, `room` only in the included graph",
+        r#"Only(["times", "more", "share", "room"])"#,
+    ];
     assert!(all.iter().all(|text| refused.contains(text)), "{refused}");
 }
 
