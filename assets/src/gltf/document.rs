@@ -216,7 +216,8 @@ impl Document {
             .map_err(|error| row(error.line() as u64, format!("the JSON of glTF: {error}")))
     }
 
-    /// Lists the nodes of the scene, unordered: their indices, and their transforms into the document's world.
+    /// Lists the nodes of the scene, each before its children, in the order of the document's lists: their indices, and
+    /// their transforms into the document's world.
     ///
     /// The scene is the default one, or the first. A document without scenes counts as one scene of all nodes. Fails if
     /// a node is reached twice.
@@ -232,7 +233,8 @@ impl Document {
                 (0..self.nodes.len()).filter(|node| !is_child[*node]).collect()
             }
         };
-        let mut open: Vec<(usize, DMat4)> = roots.into_iter().map(|node| (node, DMat4::IDENTITY)).collect();
+        // The last one is the next.
+        let mut open: Vec<_> = roots.into_iter().rev().map(|node| (node, DMat4::IDENTITY)).collect();
         let mut seen = vec![false; self.nodes.len()];
         let mut found = Vec::new();
         while let Some((index, parent)) = open.pop() {
@@ -248,7 +250,7 @@ impl Document {
                 wrong(format!("nodes[{index}].matrix"), format!("{text} glTF lists columns"))
             })?;
             let place = parent * matrix;
-            open.extend(node.children.iter().map(|child| (*child, place)));
+            open.extend(node.children.iter().rev().map(|child| (*child, place)));
             found.push((index, place));
         }
         Ok(found)
