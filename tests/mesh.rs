@@ -101,7 +101,7 @@ fn camera() -> Camera {
 
 /// Makes a square of one colour, 2 x 2 units, at `z`. Its upper left corner is at `left` and `top`.
 fn square([left, top]: [f32; 2], z: f32, base_color: [f32; 4]) -> Mesh {
-    let mut mesh = Mesh {
+    Mesh {
         positions: [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
             .map(|[x, y]| [left + x, top + y, z])
             .into(),
@@ -110,10 +110,9 @@ fn square([left, top]: [f32; 2], z: f32, base_color: [f32; 4]) -> Mesh {
         triangles: vec![[0, 1, 2], [0, 2, 3]],
         material_of: vec![0; 2],
         materials: vec![MeshMaterial { base_color, metallic: 0.0, ..MeshMaterial::default() }],
+        light: Some(Light { color: [0.0; 3], ambient: 1.0, ..Light::default() }),
         ..Mesh::default()
-    };
-    (mesh.light.color, mesh.light.ambient) = ([0.0; 3], 1.0);
-    mesh
+    }
 }
 
 fn white(z: f32) -> Splat {
@@ -222,7 +221,7 @@ fn an_image_is_red_at_its_upper_left_where_u_and_v_are_0_and_its_colours_are_dec
         let expected: [f32; 3] = std::array::from_fn(|c| {
             encode(weights.iter().map(|(texel, weight)| weight * linear[*texel][c]).sum())
         });
-        let dark = Light { color: [0.0; 3], ambient: 0.0, ..wall.light };
+        let dark = Some(Light { color: [0.0; 3], ambient: 0.0, ..Light::default() });
         let drawn = [(wall.materials[0], wall.light), (glowing, dark), (unlit, dark)];
         for found in drawn.into_iter().flat_map(|(material, light)| {
             pixel(none, &Mesh { materials: vec![material], light, ..wall.clone() }, at)

@@ -166,8 +166,8 @@ impl Scene {
     /// Joins scenes, one after the other, and their meshes. The result's offset is the first scene's, unless that is
     /// too far from the splats.
     ///
-    /// Harmonics that a scene lacks are 0. Tags that differ are dropped, and so are comments. The light is the first
-    /// mesh's. Counts of dropped splats are summed.
+    /// Harmonics that a scene lacks are 0. Tags that differ are dropped, and so are comments. The light is that of the
+    /// first mesh with a light. Counts of dropped splats are summed.
     ///
     /// # Errors
     /// The copy does not fit in memory, or there are 2^32 splats or more.
@@ -227,10 +227,10 @@ impl Scene {
         }
     }
 
-    /// Adds a mesh, which is in the world's coordinates before `by` transforms it, to the scene's mesh.
+    /// Adds a mesh, relative to its own origin before `by` transforms it in the world, to the scene's mesh.
     pub fn beside(self, mesh: &Mesh, by: &Similarity) -> Self {
         let mut all = self.mesh().cloned().unwrap_or_default();
-        all.append(&mesh.transformed(by, [0.0; 3], self.offset()));
+        all.append(&mesh.transformed(by, mesh.origin, self.offset()));
         self.with_mesh(Some(all.into()))
     }
 }

@@ -6,11 +6,6 @@ use crate::similarity::Similarity;
 use crate::spz;
 use glam::{DQuat, DVec3};
 
-/// Coordinate of a node's origin, in world units, beyond which its positions are relative to that origin.
-///
-/// Positions are rounded to f32, which is coarse far from 0.
-const FAR: f64 = 4096.0;
-
 /// A transform from the space of a node to a scene's. In the node's world, x points left, y up and z to the front.
 pub(crate) struct NodeTransform {
     place: Similarity,
@@ -22,7 +17,7 @@ pub(crate) struct NodeTransform {
 
 impl NodeTransform {
     pub(crate) fn new(place: Similarity, degree: u32) -> Self {
-        let far = place.translation.abs().max_element() > FAR;
+        let far = place.translation.abs().max_element() > Similarity::FAR;
         let origin = if far { place.translation } else { DVec3::ZERO };
         Self { place, turn: Turn::new(place.rotation), origin, degree }
     }

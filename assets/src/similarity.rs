@@ -36,6 +36,10 @@ impl Similarity {
     /// distance between two such positions is within the range of f32.
     pub(crate) const FARTHEST: f64 = 1e18;
 
+    /// Coordinate of a node's origin, in world units, beyond which its positions are relative to that origin: they are
+    /// rounded to f32, which is coarse far from 0.
+    pub(crate) const FAR: f64 = 4096.0;
+
     /// Range of the scales that a file may have.
     pub(crate) const SCALES: RangeInclusive<f64> = 1e-9..=1e9;
 

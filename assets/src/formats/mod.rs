@@ -62,7 +62,7 @@ pub enum Content {
     /// Splats.
     Splats(Box<Scene>),
     /// A mesh, which is drawn beside splats.
-    Mesh(Mesh),
+    Mesh(Box<Mesh>),
 }
 
 /// Opens a file, or the document of a folder, and reads its content.
@@ -298,7 +298,7 @@ impl Scene {
         let path = path.as_ref();
         match Self::load_one(path, level, progress)? {
             Found::One(scene) => Ok(Content::Splats(scene.into())),
-            Found::Mesh(mesh) => Ok(Content::Mesh(mesh)),
+            Found::Mesh(mesh) => Ok(Content::Mesh(mesh.into())),
             Found::Several(parts) => {
                 let headers = SceneHeader::of_parts(path, &parts, level)?;
                 SceneHeader::check_joined(&headers, 0, memory::available())

@@ -29,6 +29,11 @@ pub(super) fn item<'a, T>(items: &'a [T], index: usize, of: &str) -> Result<&'a 
     items.get(index).ok_or_else(|| wrong(of, format!("expected an index below {count}, found {index}")))
 }
 
+/// Lists the nodes of the scene in a document's JSON; see [`Document::placed`].
+pub(crate) fn placed(text: &[u8]) -> Result<Vec<(usize, DMat4)>, SceneError> {
+    Document::read(text)?.placed()
+}
+
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Document {

@@ -95,8 +95,8 @@ impl Default for Light {
 /// A mesh: triangles with materials, and the light on them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
-    /// Vertex positions, in world units: in a scene, relative to [`Scene::offset`](crate::Scene::offset); otherwise in
-    /// the world's coordinates.
+    /// Vertex positions, in world units: in a scene, relative to [`Scene::offset`](crate::Scene::offset); otherwise
+    /// relative to `origin`.
     pub positions: Vec<[f32; 3]>,
     /// Unit normals, one per position.
     pub normals: Vec<[f32; 3]>,
@@ -110,8 +110,10 @@ pub struct Mesh {
     pub materials: Vec<MeshMaterial>,
     /// Texels of all images: red, green, blue and alpha, 8 bits each.
     pub texels: Vec<[u8; 4]>,
-    /// The light on the mesh.
-    pub light: Light,
+    /// The light on the mesh; `None` for the default one, which does not turn with the mesh.
+    pub light: Option<Light>,
+    /// World coordinates that positions are relative to, because f32 is coarse far from 0; 0 in a scene.
+    pub origin: [f64; 3],
 }
 
 impl Mesh {
@@ -144,7 +146,7 @@ impl Mesh {
             "mesh.material_of" => self.material_of.as_slice().into(),
             "mesh.material" => self.materials.iter().flat_map(MeshMaterial::words).collect(),
             "mesh.texel" => self.texels.iter().map(|texel| u32::from_le_bytes(*texel)).collect(),
-            _ => self.light.words().to_vec().into(),
+            _ => self.light.unwrap_or_default().words().to_vec().into(),
         }
     }
 
@@ -166,16 +168,16 @@ impl Mesh {
         Self {
             positions: self.positions.iter().map(point).collect(),
             normals: self.normals.iter().map(normal).collect(),
-            light: Light { direction: normal(&self.light.direction), ..self.light },
+            light: self.light.map(|light| Light { direction: normal(&light.direction), ..light }),
+            origin: [0.0; 3],
             ..self.clone()
         }
     }
 
-    /// Appends the triangles, materials and images of another mesh. Takes its light only if this mesh has no triangles.
+    /// Appends the triangles, materials and images of another mesh, which has the same origin. Takes its light if this
+    /// mesh has none.
     pub fn append(&mut self, other: &Self) {
-        if self.triangles.is_empty() {
-            self.light = other.light;
-        }
+        self.light = self.light.or(other.light);
         let (vertices, materials) = (self.positions.len() as u32, self.materials.len() as u32);
         let texels = self.texels.len() as u32;
         self.positions.extend(&other.positions);

@@ -1,22 +1,23 @@
 //! Reads meshes from glTF 2.0, as text or binary (`.gltf`, `.glb`).
 //!
 //! The crate `gltf` parses and validates the JSON. Bytes of buffers are read here, and every range is checked against
-//! its buffer. Each node of the default scene is visited once, and its transform is applied to its mesh. Of the lights
-//! (`KHR_lights_punctual`), only the directional one visited first is read: its direction and colour. Skins, morph
-//! targets, animations and cameras are ignored.
+//! its buffer. The transform of each node of the default scene is applied to its mesh. Of the lights
+//! (`KHR_lights_punctual`), only the first directional one is read: its direction and colour. Skins, morph targets,
+//! animations and cameras are ignored.
 
 use super::data::{Light, Mesh, MeshMaterial, Texture};
 use super::image::{self, MAX_TEXELS};
 use crate::error::{SceneError, wrong};
 use crate::file;
-use crate::gltf::{Component, MAGIC};
+use crate::gltf::{Component, MAGIC, placed};
 use crate::input::{OpenFile, Source};
 use crate::json;
-use crate::similarity;
+use crate::similarity::Similarity;
 use crate::uri::{self, Resource};
 use crate::words::word;
 use glam::{DMat3, DMat4, DVec3};
 use gltf::accessor::{DataType, Dimensions};
+use gltf::khr_lights_punctual::Kind;
 use gltf::material::AlphaMode;
 use gltf::mesh::{Mode, Primitive};
 use gltf::{Accessor, Document, Gltf, Semantic};
@@ -99,7 +100,8 @@ impl Mesh {
             materials: HashMap::new(),
             mesh: Self::default(),
         };
-        reader.nodes()?;
+        let placed = placed(json_of(bytes))?;
+        reader.nodes(placed)?;
         match reader.mesh.triangles.is_empty() {
             true => Err(wrong("meshes", "expected triangles, found none")),
             false => Ok(reader.mesh),
@@ -239,38 +241,29 @@ struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    /// Reads the meshes and the light of the default scene's nodes, or of the first scene's if none is default.
-    fn nodes(&mut self) -> Result<(), SceneError> {
-        let scene = self.document.default_scene().or_else(|| self.document.scenes().next());
-        let scene = scene.ok_or_else(|| wrong("scenes", "expected a scene, found none"))?;
+    /// Reads the meshes and the first directional light of nodes, each with its transform.
+    fn nodes(&mut self, placed: Vec<(usize, DMat4)>) -> Result<(), SceneError> {
         // Converts from axes left, up and front (glTF) to right, down and front, as for splats in glTF.
         let axes = DMat4::from_scale(DVec3::new(-1.0, -1.0, 1.0));
-        let mut open: Vec<_> = scene.nodes().map(|node| (node, axes)).collect();
-        let (mut seen, mut lit) = (vec![false; self.document.nodes().len()], false);
-        while let Some((node, parent)) = open.pop() {
-            let part = format!("node {}", node.index());
-            if std::mem::replace(&mut seen[node.index()], true) {
-                return Err(wrong(part, "expected nodes in a tree, found one with two parents"));
-            }
-            let columns = node.transform().matrix().map(|column| column.map(f64::from));
-            let matrix = DMat4::from_cols_array_2d(&columns);
-            similarity::affine(matrix.row(3))
-                .map_err(|text| wrong(part.clone(), format!("{text} glTF lists columns")))?;
-            let world = parent * matrix;
-            let sun = |light: &gltf::khr_lights_punctual::Light| {
-                matches!(light.kind(), gltf::khr_lights_punctual::Kind::Directional)
-            };
-            if let Some(light) = node.light().filter(|light| sun(light) && !lit) {
+        let nodes: Vec<_> = self.document.nodes().collect();
+        for (index, place) in placed {
+            let (node, world) = (&nodes[index], axes * place);
+            let sun = node.light().filter(|light| matches!(light.kind(), Kind::Directional));
+            if let Some(light) = sun.filter(|_| self.mesh.light.is_none()) {
                 // A light shines along its node's -z.
                 let direction = world.transform_vector3(DVec3::Z).normalize_or(DVec3::NEG_Y);
                 let direction = direction.as_vec3().into();
-                self.mesh.light = Light { direction, color: light.color(), ..Light::default() };
-                lit = true;
+                self.mesh.light = Some(Light { direction, color: light.color(), ..Light::default() });
             }
-            for primitive in node.mesh().iter().flat_map(|mesh| mesh.primitives().collect::<Vec<_>>()) {
-                self.primitive(&primitive, &world, &part)?;
+            let Some(mesh) = node.mesh() else { continue };
+            let origin = world.w_axis.truncate();
+            let is_far = (Similarity::FAR..=Similarity::FARTHEST).contains(&origin.abs().max_element());
+            if is_far && self.mesh.positions.is_empty() {
+                self.mesh.origin = origin.into();
             }
-            open.extend(node.children().map(|child| (child, world)));
+            for primitive in mesh.primitives() {
+                self.primitive(&primitive, &world, &format!("node {index}"))?;
+            }
         }
         Ok(())
     }
@@ -309,10 +302,10 @@ impl<'a> Reader<'a> {
 
         let point = |p: [f32; 3]| world.transform_point3(DVec3::from(p.map(f64::from)));
         let points: Vec<DVec3> = positions.iter().copied().map(point).collect();
-        if !points.iter().all(|p| p.abs().max_element() <= 1e18) {
+        if !points.iter().all(|p| p.abs().max_element() <= Similarity::FARTHEST) {
             return Err(wrong(part, "expected positions within 1e18, found one beyond"));
         }
-        let first = vertices as u32;
+        let (first, origin) = (vertices as u32, DVec3::from(self.mesh.origin));
         match normals {
             Some(normals) => {
                 // The cofactor matrix keeps normals perpendicular to their surface under a non-uniform scale.
@@ -321,7 +314,7 @@ impl<'a> Reader<'a> {
                 let unit = |n| <[f32; 3]>::from(normal(n).normalize_or(DVec3::NEG_Y).as_vec3());
                 let list = normals.into_iter().map(unit);
                 self.mesh.normals.extend(list);
-                self.mesh.positions.extend(points.iter().map(|p| <[f32; 3]>::from(p.as_vec3())));
+                self.mesh.positions.extend(points.iter().map(|p| <[f32; 3]>::from((p - origin).as_vec3())));
                 self.mesh.uvs.extend(uvs.unwrap_or_else(|| vec![[0.0; 2]; points.len()]));
                 self.mesh.triangles.extend(triangles.iter().map(|t| t.map(|corner| corner + first)));
             }
@@ -333,7 +326,7 @@ impl<'a> Reader<'a> {
                     // A mirroring transform reverses the winding.
                     let normal = normal.normalize_or(DVec3::NEG_Y) * world.determinant().signum();
                     for (corner, place) in triangle.iter().zip(corners) {
-                        self.mesh.positions.push(place.as_vec3().into());
+                        self.mesh.positions.push((place - origin).as_vec3().into());
                         self.mesh.normals.push(normal.as_vec3().into());
                         self.mesh.uvs.push(uvs.as_ref().map_or([0.0; 2], |uvs| uvs[*corner as usize]));
                     }

@@ -28,7 +28,7 @@ fn mesh() -> Mesh {
             MeshMaterial { base_color_image: image, alpha_cutoff: 0.25, unlit: true, ..red },
         ],
         texels: vec![[9; 4], [8; 4], [1, 2, 3, 4], [250, 128, 0, 255]],
-        light: Light::default(),
+        ..Mesh::default()
     }
 }
 
@@ -55,7 +55,53 @@ fn said(from: &str, to: &str) -> String {
 
 #[test]
 fn a_written_mesh_reads_as_the_same_mesh() {
-    assert_eq!(Mesh::parse(&glb(&mesh()), None).expect("a mesh"), mesh());
+    for origin in [[0.0; 3], [-5e5, 4e6, 20.5]] {
+        let mesh = Mesh { origin, ..mesh() };
+        assert_eq!(Mesh::parse(&glb(&mesh), None).expect("a mesh"), mesh);
+    }
+}
+
+#[test]
+fn a_mesh_far_from_the_origin_keeps_its_precision_beside_splats_there() {
+    let nodes = "\"translation\":[500000.3,0,0],\"children\":[1]},{\"translation\":[0,0,2],\"mesh\":0";
+    let read = Mesh::parse(changed("\"mesh\":0", nodes).as_bytes(), None).unwrap();
+    assert_eq!((read.origin, read.positions[1]), ([-500_000.3, 0.0, 2.0], [-1.0, 0.0, 0.0]));
+    let scene = Scene::generate(3, 0, splat).with_offset([-500_000.0, 0.0, 0.0]);
+    let scene = scene.beside(&read, &Similarity::IDENTITY);
+    let [x, _, z] = scene.mesh().expect("a mesh").positions[1];
+    assert!((x + 1.3).abs() < 1e-6 && z == 2.0, "{x}");
+}
+
+#[test]
+fn the_first_directional_light_is_read() {
+    let extra = |text: &str| changed("\"scene\":0,", &format!("{text},\"scene\":0,"));
+    let lights = extra(
+        r#""extensionsUsed":["KHR_lights_punctual"],"extensions":{"KHR_lights_punctual":{"lights":[
+        {"type":"directional","color":[1,0,0]},{"type":"directional","color":[0,0,1]}]}}"#,
+    );
+    let light = |index: usize| format!(r#"{{"extensions":{{"KHR_lights_punctual":{{"light":{index}}}}}}}"#);
+    let lights = lights
+        .replace(r#"{"nodes":[0]}"#, r#"{"nodes":[0,1,2]}"#)
+        .replace(r#"{"mesh":0}"#, &format!(r#"{{"mesh":0}},{},{}"#, light(0), light(1)));
+    let read = Mesh::parse(lights.as_bytes(), None).unwrap();
+    assert_eq!(read.light.map(|light| light.color), Some([1.0, 0.0, 0.0]));
+}
+
+#[test]
+fn the_default_light_stays_where_a_mesh_turns_and_the_first_mesh_with_a_light_gives_it() {
+    let by = Similarity { rotation: DQuat::from_rotation_y(1.0), ..Similarity::IDENTITY };
+    let own = Light { direction: [0.0, 0.0, 1.0], ..Light::default() };
+    let lit = Mesh { light: Some(own), ..mesh() };
+    let direction = |meshes: &[&Mesh]| {
+        let scene = Scene::generate(3, 0, splat);
+        let scene = meshes.iter().fold(scene, |scene, mesh| scene.beside(mesh, &by));
+        let mut bytes = [0; 32];
+        scene.write_attribute("mesh.light", 0, 0, &mut bytes).expect("it fits");
+        [0, 4, 8].map(|at| f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()))
+    };
+    assert_eq!(direction(&[&mesh()]), Light::default().direction);
+    let turned: [f32; 3] = (by.rotation * DVec3::Z).as_vec3().into();
+    assert_eq!([direction(&[&mesh(), &lit]), direction(&[&lit, &mesh()])], [turned; 2]);
 }
 
 #[test]
@@ -167,8 +213,8 @@ fn mistakes_are_told_with_their_part() {
         ),
         ("data:;base64,", "../secret.bin?", "expected a file in the folder"),
         ("base64,AAAAAAAA", "base64,AADAfwAA", "expected finite numbers, found NaN"),
-        ("\"mesh\":0}]", "\"mesh\":0,\"children\":[0]}]", "expected nodes in a tree"),
-        ("[0]}],\"nodes\":[", "[0,0]}],\"nodes\":[{},", "expected nodes in a tree"),
+        ("\"mesh\":0}]", "\"mesh\":0,\"children\":[0]}]", "expected a tree, found a node with two parents"),
+        ("[0]}],\"nodes\":[", "[0,0]}],\"nodes\":[{},", "expected a tree"),
         ("{\"POSITION\":0}", "{\"POSITION\":9}", "expected an accessor below 1, found 9"),
         ("\"scene\":0,", "\"scene\":0,\"extensionsRequired\":[\"KHR_x\"],", "found KHR_x"),
     ] {

@@ -129,9 +129,12 @@ impl Mesh {
             }));
             writer.material(self, material)?;
         }
+        let [x, y, z] = self.origin;
+        // Subtraction from 0 avoids a negative zero.
+        let node = json!({"mesh": 0, "translation": [0.0 - x, 0.0 - y, z]});
         let mut root = json!({
             "asset": {"version": "2.0", "generator": "splatgraph"},
-            "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], "meshes": [{"primitives": primitives}],
+            "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [node], "meshes": [{"primitives": primitives}],
             "materials": writer.materials, "accessors": writer.accessors, "bufferViews": writer.views,
             "buffers": [{"byteLength": writer.bytes.len()}],
         });

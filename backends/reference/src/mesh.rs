@@ -270,7 +270,7 @@ impl<'a> Caster<'a> {
     }
 
     fn shade(&self, hit: &Hit) -> [f64; 3] {
-        let (material, uv, light) = (self.material(hit), self.uv(hit), &self.mesh.light);
+        let (material, uv, light) = (self.material(hit), self.uv(hit), self.mesh.light.unwrap_or_default());
         let to_camera = (DVec3::from(self.camera.position) - self.place(hit)).normalize();
         let base = self.base(material, uv);
         let (mut metallic, mut roughness) = (f64::from(material.metallic), f64::from(material.roughness));
@@ -307,7 +307,7 @@ impl<'a> Caster<'a> {
 mod tests {
     use super::*;
     use crate::gaussian::Gaussian;
-    use splatgraph_assets::Projection;
+    use splatgraph_assets::{Light, Projection};
 
     /// Returns a camera that looks along +z from the origin; pixel (2, 2) is in the middle.
     fn camera() -> Camera {
@@ -412,13 +412,11 @@ mod tests {
     #[test]
     fn a_white_wall_that_faces_the_light_is_as_white_as_diffuse_and_ambient_light_make_it() {
         let mut wall = wall(2.0, 10.0, [1.0; 4]);
-        wall.light.direction = [0.0, 0.0, -1.0];
-        wall.light.ambient = 0.0;
+        wall.light = Some(Light { direction: [0.0, 0.0, -1.0], ambient: 0.0, ..Light::default() });
         let middle = surfaces(&wall)[12].expect("the wall").color[0];
         // At roughness 1, the specular term is 0.04 * PI * (1 / PI) * 0.5 / 2, and the diffuse term gets 0.96.
         assert!((decode(middle) - (0.96 + 0.01)).abs() < 1e-6, "{middle}");
-        wall.light.direction = [0.0, 0.0, 1.0];
-        wall.light.ambient = 0.25;
+        wall.light = Some(Light { direction: [0.0, 0.0, 1.0], ..Light::default() });
         assert!((decode(surfaces(&wall)[12].expect("the wall").color[0]) - 0.25).abs() < 1e-12);
     }
 
