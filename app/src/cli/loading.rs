@@ -74,11 +74,11 @@ pub fn load_any_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> 
         }
         if cancel.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;
-    if let Content::Splats(scene) = &content {
-        for note in losses::notes(scene) {
-            say(format!("{}: {note}", path.display()));
-        }
-    }
+    let notes = match &content {
+        Content::Splats(scene) => losses::notes(scene),
+        Content::Mesh(mesh) => losses::mesh_notes(mesh),
+    };
+    notes.into_iter().for_each(|note| say(format!("{}: {note}", path.display())));
     Ok(content)
 }
 

@@ -4,7 +4,7 @@
 use super::outliers::{self, Outliers};
 use glam::DQuat;
 use splatgraph_assets::{
-    Dropped, FileNotes, QuaternionNorms, SH_C0, Scene, SceneFormat, SizeBreakdown, SortKey, SpzVersion,
+    Dropped, FileNotes, Mesh, QuaternionNorms, SH_C0, Scene, SceneFormat, SizeBreakdown, SortKey, SpzVersion,
     grouped, rounded, sh_floats,
 };
 use std::f64::consts::PI;
@@ -106,8 +106,8 @@ pub fn after_rows(scene: &Scene) -> Option<String> {
 
 /// Describes what is unusual about a loaded scene, one text for each peculiarity.
 ///
-/// These are dropped splats, clamped opacities, a mesh that is left out, coarse positions, properties and tags that are
-/// not used, and data after the last row.
+/// These are dropped splats, clamped opacities, a mesh or parts of one that are left out, coarse positions, properties
+/// and tags that are not used, and data after the last row.
 pub fn notes(scene: &Scene) -> Vec<String> {
     let dropped = scene.dropped();
     let texts = [
@@ -122,7 +122,13 @@ pub fn notes(scene: &Scene) -> Vec<String> {
             false => tags,
         }),
     ];
-    scene.coarse_notes().into_iter().chain(texts.into_iter().flatten()).collect()
+    let mesh = scene.mesh().map(mesh_notes).unwrap_or_default();
+    scene.coarse_notes().into_iter().chain(texts.into_iter().flatten()).chain(mesh).collect()
+}
+
+/// Describes what a mesh lacks of its files, one text for each file.
+pub fn mesh_notes(mesh: &Mesh) -> Vec<String> {
+    mesh.left_out.iter().map(|text| format!("left out: {text}")).collect()
 }
 
 /// Names the tags that a merged scene ignores, because the scenes differ in them; `None` if there are none.

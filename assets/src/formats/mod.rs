@@ -7,7 +7,7 @@ use crate::memory;
 use crate::mesh::Mesh;
 use crate::recognise;
 use crate::scene::{FileNotes, Filter, Scene, SortKey};
-use crate::scene_files::document;
+use crate::scene_files::{document, scene_files};
 use crate::scene_format::SceneFormat;
 use crate::similarity::Similarity;
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 mod steps;
 #[cfg(test)]
@@ -329,7 +329,8 @@ impl Scene {
         progress: Progress,
     ) -> Result<(Self, Vec<ElementSize>), LoadError> {
         let folder = path.parent().unwrap_or(Path::new(""));
-        let bytes = |part: &Placed| std::fs::metadata(&part.file).map_or(0, |found| found.len());
+        let size = |file: &PathBuf| std::fs::metadata(file).map_or(0, |found| found.len());
+        let bytes = |part: &Placed| size(&part.file);
         let total: u64 = parts.iter().map(bytes).sum();
         let (mut scenes, mut meshes, mut before) = (Vec::with_capacity(parts.len()), Vec::new(), 0);
         let mut files = Vec::with_capacity(parts.len());
@@ -343,10 +344,10 @@ impl Scene {
             };
             let fail = |error| within(path, part, error);
             let wrong = |problem: SceneError| fail(problem.of(&part.file));
+            let name = part.file.strip_prefix(folder).unwrap_or(&part.file).display();
             let mut add_size = |format: &str, rows, bytes| {
                 // A file that is placed several times is counted once.
                 if !parts[..index].iter().any(|before| before.file == part.file) {
-                    let name = part.file.strip_prefix(folder).unwrap_or(&part.file).display();
                     let contents = FieldSize::whole("contents", "file", bytes);
                     sizes.push(ElementSize::new(&format!("{name} ({format})"), rows, vec![contents]));
                 }
@@ -360,8 +361,11 @@ impl Scene {
                     add_size(&breakdown.format, rows, breakdown.file_bytes);
                     scene
                 }
-                Found::Mesh(mesh) => {
-                    add_size("mesh", mesh.triangles.len() as u64, length);
+                Found::Mesh(mut mesh) => {
+                    // With the files of its buffers and images.
+                    let all = scene_files(&part.file).iter().map(size).sum();
+                    add_size("mesh", mesh.triangles.len() as u64, all);
+                    mesh.left_out.iter_mut().for_each(|text| *text += &format!(" ({name})"));
                     meshes.push((mesh, part.by));
                     before += length;
                     continue;

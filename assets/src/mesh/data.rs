@@ -114,6 +114,8 @@ pub struct Mesh {
     pub light: Option<Light>,
     /// World coordinates that positions are relative to, because f32 is coarse far from 0; 0 in a scene.
     pub origin: [f64; 3],
+    /// Parts of its files that are not drawn, a phrase for each file that has such parts.
+    pub left_out: Vec<String>,
 }
 
 impl Mesh {
@@ -178,6 +180,9 @@ impl Mesh {
     /// mesh has none.
     pub fn append(&mut self, other: &Self) {
         self.light = self.light.or(other.light);
+        let new = other.left_out.iter().filter(|text| !self.left_out.contains(text));
+        let new: Vec<String> = new.cloned().collect();
+        self.left_out.extend(new);
         let (vertices, materials) = (self.positions.len() as u32, self.materials.len() as u32);
         let texels = self.texels.len() as u32;
         self.positions.extend(&other.positions);

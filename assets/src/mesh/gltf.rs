@@ -20,6 +20,7 @@ use gltf::accessor::{DataType, Dimensions};
 use gltf::khr_lights_punctual::Kind;
 use gltf::material::AlphaMode;
 use gltf::mesh::{Mode, Primitive};
+use gltf::texture::WrappingMode;
 use gltf::{Accessor, Document, Gltf, Semantic};
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -31,6 +32,8 @@ const QUANTIZATION: &str = "KHR_mesh_quantization";
 const UNLIT: &str = "KHR_materials_unlit";
 /// Extension that scales texture coordinates. It is not read. Quantized texture coordinates depend on it.
 const TEXTURE_TRANSFORM: &str = "KHR_texture_transform";
+/// Extensions that are read.
+const READ: [&str; 4] = [QUANTIZATION, UNLIT, "KHR_lights_punctual", "KHR_materials_emissive_strength"];
 
 /// Maximum size of a buffer or an image in its own file, in bytes.
 const MAX_BYTES: u64 = 1 << 30;
@@ -101,7 +104,8 @@ impl Mesh {
             mesh: Self::default(),
         };
         let placed = placed(json_of(bytes))?;
-        reader.nodes(placed)?;
+        let has_other_lights = reader.nodes(placed)?;
+        reader.mesh.left_out.extend(left_out(&document, has_other_lights));
         match reader.mesh.triangles.is_empty() {
             true => Err(wrong("meshes", "expected triangles, found none")),
             false => Ok(reader.mesh),
@@ -176,6 +180,32 @@ fn json_of(bytes: &[u8]) -> &[u8] {
     }
 }
 
+/// Names what a document has but no picture shows: features, and extensions that are not read. `None` if there is
+/// nothing.
+fn left_out(document: &Document, has_other_lights: bool) -> Option<String> {
+    let primitive = |has: fn(&Primitive) -> bool| {
+        document.meshes().any(|mesh| mesh.primitives().any(|primitive| has(&primitive)))
+    };
+    let material = |has: fn(&gltf::Material) -> bool| document.materials().any(|material| has(&material));
+    let wraps = |sampler: gltf::texture::Sampler| {
+        [sampler.wrap_s(), sampler.wrap_t()].iter().any(|mode| *mode != WrappingMode::Repeat)
+    };
+    let features = [
+        ("vertex colours", primitive(|primitive| primitive.get(&Semantic::Colors(0)).is_some())),
+        ("morph targets", primitive(|primitive| primitive.morph_targets().len() > 0)),
+        ("skins", document.skins().len() > 0),
+        ("animations", document.animations().len() > 0),
+        ("alpha mode BLEND", material(|material| material.alpha_mode() == AlphaMode::Blend)),
+        ("occlusion", material(|material| material.occlusion_texture().is_some())),
+        ("wrap modes other than repeat", document.samplers().any(wraps)),
+        ("lights besides the first directional one", has_other_lights),
+    ];
+    let features = features.into_iter().filter(|(_, has)| *has).map(|(name, _)| name);
+    let extensions = document.extensions_used().filter(|name| !READ.contains(name));
+    let all: Vec<&str> = features.chain(extensions).collect();
+    (!all.is_empty()).then(|| all.join(", "))
+}
+
 /// Converts an error of a document; of several, names the first and the number of the others.
 fn invalid(error: gltf::Error) -> SceneError {
     match error {
@@ -241,19 +271,24 @@ struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    /// Reads the meshes and the first directional light of nodes, each with its transform.
-    fn nodes(&mut self, placed: Vec<(usize, DMat4)>) -> Result<(), SceneError> {
+    /// Reads the meshes and the first directional light of nodes, each with its transform. Returns true if there are
+    /// other lights.
+    fn nodes(&mut self, placed: Vec<(usize, DMat4)>) -> Result<bool, SceneError> {
         // Converts from axes left, up and front (glTF) to right, down and front, as for splats in glTF.
         let axes = DMat4::from_scale(DVec3::new(-1.0, -1.0, 1.0));
         let nodes: Vec<_> = self.document.nodes().collect();
+        let mut has_other_lights = false;
         for (index, place) in placed {
             let (node, world) = (&nodes[index], axes * place);
-            let sun = node.light().filter(|light| matches!(light.kind(), Kind::Directional));
-            if let Some(light) = sun.filter(|_| self.mesh.light.is_none()) {
-                // A light shines along its node's -z.
-                let direction = world.transform_vector3(DVec3::Z).normalize_or(DVec3::NEG_Y);
-                let direction = direction.as_vec3().into();
-                self.mesh.light = Some(Light { direction, color: light.color(), ..Light::default() });
+            if let Some(light) = node.light() {
+                if self.mesh.light.is_none() && matches!(light.kind(), Kind::Directional) {
+                    // A light shines along its node's -z.
+                    let direction = world.transform_vector3(DVec3::Z).normalize_or(DVec3::NEG_Y);
+                    let direction = direction.as_vec3().into();
+                    self.mesh.light = Some(Light { direction, color: light.color(), ..Light::default() });
+                } else {
+                    has_other_lights = true;
+                }
             }
             let Some(mesh) = node.mesh() else { continue };
             let origin = world.w_axis.truncate();
@@ -265,7 +300,7 @@ impl<'a> Reader<'a> {
                 self.primitive(&primitive, &world, &format!("node {index}"))?;
             }
         }
-        Ok(())
+        Ok(has_other_lights)
     }
 
     fn primitive(&mut self, primitive: &Primitive<'a>, world: &DMat4, part: &str) -> Result<(), SceneError> {

@@ -73,7 +73,7 @@ fn a_mesh_far_from_the_origin_keeps_its_precision_beside_splats_there() {
 }
 
 #[test]
-fn the_first_directional_light_is_read() {
+fn the_first_directional_light_is_read_and_what_is_not_drawn_is_named() {
     let extra = |text: &str| changed("\"scene\":0,", &format!("{text},\"scene\":0,"));
     let lights = extra(
         r#""extensionsUsed":["KHR_lights_punctual"],"extensions":{"KHR_lights_punctual":{"lights":[
@@ -85,6 +85,16 @@ fn the_first_directional_light_is_read() {
         .replace(r#"{"mesh":0}"#, &format!(r#"{{"mesh":0}},{},{}"#, light(0), light(1)));
     let read = Mesh::parse(lights.as_bytes(), None).unwrap();
     assert_eq!(read.light.map(|light| light.color), Some([1.0, 0.0, 0.0]));
+    assert_eq!(read.left_out, ["lights besides the first directional one"]);
+    let others = extra(
+        r#""extensionsUsed":["KHR_materials_unlit","KHR_node_visibility"],"materials":[{"alphaMode":"BLEND"}],
+        "samplers":[{"wrapT":33071}]"#,
+    );
+    let others = others.replace(r#"{"POSITION":0}"#, r#"{"POSITION":0,"COLOR_0":0}"#);
+    let read = Mesh::parse(others.as_bytes(), None).unwrap();
+    let expected = "vertex colours, alpha mode BLEND, wrap modes other than repeat, KHR_node_visibility";
+    assert_eq!((read.left_out, read.light), (vec![expected.to_owned()], None));
+    assert!(Mesh::parse(changed("5126", "5126").as_bytes(), None).unwrap().left_out.is_empty());
 }
 
 #[test]
@@ -190,6 +200,22 @@ fn scene_files_place_meshes_and_a_mesh_alone_is_no_scene() {
     assert_eq!((scene.count(), scene.mesh().expect("a mesh").positions[0]), (3, [0.0, 0.0, 5.0]));
     says(Scene::load(at("stone.glb"), crate::QUIET).unwrap_err(), "expected splats, found a mesh");
     assert!(matches!(Scene::load_any(at("stone.glb"), None, crate::QUIET), Ok(Content::Mesh(_))));
+}
+
+#[test]
+fn a_list_counts_the_buffers_of_a_mesh_and_names_what_the_mesh_lacks() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    let uri = "data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
+    let text = changed(uri, "one.bin").replace(r#"{"POSITION":0}"#, r#"{"POSITION":0,"COLOR_0":0}"#);
+    write("stone.gltf", text.as_bytes());
+    write("one.bin", &[[0; 12], [1; 12], [2; 12]].concat());
+    Scene::generate(3, 0, splat).write_ply(folder.path().join("pond.ply")).unwrap();
+    write("all.ron", br#"Scenes([Scene(file: "pond.ply"), Scene(file: "stone.gltf")])"#);
+    let scene = Scene::load(folder.path().join("all.ron"), crate::QUIET).expect("a scene");
+    let sizes = scene.size_breakdown();
+    assert_eq!((sizes.elements[1].bytes, sizes.sum()), (text.len() as u64 + 36, sizes.file_bytes));
+    assert_eq!(scene.mesh().expect("a mesh").left_out, ["vertex colours (stone.gltf)"]);
 }
 
 #[test]
