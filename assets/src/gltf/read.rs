@@ -85,8 +85,13 @@ fn sizes(container: &Container, splats: &Splats) -> Result<Vec<FieldSize>, Scene
     Ok(fields.chain(others).collect())
 }
 
-/// Reads a primitive without SPZ.
-fn plain(input: &Input, container: &Container, splats: &Splats) -> Result<Scene, SceneError> {
+/// Reads a primitive without SPZ. Its scales are logarithms if `logarithmic`.
+fn plain(
+    input: &Input,
+    container: &Container,
+    splats: &Splats,
+    logarithmic: bool,
+) -> Result<Scene, SceneError> {
     let file_degree = file_degree(splats.primitive);
     let degree = file_degree.min(3);
     let (columns, names) = columns(container, splats.primitive, degree)?;
@@ -96,7 +101,6 @@ fn plain(input: &Input, container: &Container, splats: &Splats) -> Result<Scene,
         return Err(wrong(name.as_str(), text));
     }
     SceneError::check_count(count)?;
-    let logarithmic = is_logarithmic(&columns[2])?;
     let transform = NodeTransform::new(splats.place, degree);
     let bytes = |column: &Column| column.count * column.table.width as u64;
     let done = Done::new(columns.iter().map(bytes).sum(), input.progress)?;
@@ -141,8 +145,19 @@ fn splat(columns: &[Column], rows: [&[u8]; MAX_COLUMNS], logarithmic: bool) -> (
     (splat, norm)
 }
 
-/// Returns true if the scales are logarithms: one of them is negative.
-fn is_logarithmic(scales: &Column) -> Result<bool, SceneError> {
+/// Returns true if the scales of a file are logarithms: one of them is negative, in any primitive.
+fn is_logarithmic(container: &Container, all: &[(usize, Splats)]) -> Result<bool, SceneError> {
+    let mut known = HashSet::new();
+    for (_, Splats { primitive, .. }) in all.iter().filter(|(_, splats)| splats.spz.is_none()) {
+        let is_new = known.insert(std::ptr::from_ref(*primitive));
+        if is_new && has_negative(&columns(container, primitive, 0)?.0[2])? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+fn has_negative(scales: &Column) -> Result<bool, SceneError> {
     /// Number of rows that are read at a time.
     const ROWS: usize = 4096;
     let (table, count) = (scales.table, scales.count as usize);
@@ -200,11 +215,12 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     let mut all: Vec<_> = all.into_iter().enumerate().collect();
     all.sort_by_key(|(_, splats)| splats.spz);
     SceneHeader::check_joined(&headers(&container, &all)?, 0, input.memory)?;
+    let logarithmic = is_logarithmic(&container, &all)?;
     let (mut scenes, mut fields, mut measured) = (Vec::new(), Vec::new(), HashSet::new());
     for group in all.chunk_by(|(_, a), (_, b)| a.spz.is_some() && a.spz == b.spz) {
         let placed = match group[0].1.spz {
             Some(view) => packed(input, &container, view, group)?,
-            None => vec![plain(input, &container, &group[0].1)?],
+            None => vec![plain(input, &container, &group[0].1, logarithmic)?],
         };
         for ((at, splats), scene) in group.iter().zip(placed) {
             // Nodes with the same mesh share its bytes.
@@ -229,7 +245,8 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     }
     let rows = u64::from(scene.count()) + scene.dropped().total();
     let values = ElementSize::new("splats", rows, fields);
-    let format = "gltf, KHR_gaussian_splatting".into();
+    let scales = if logarithmic { ", logarithms of scales" } else { "" };
+    let format = format!("gltf, KHR_gaussian_splatting{scales}");
     let copyright = container.document.asset.copyright.iter().map(|owner| format!("copyright {owner}"));
     let breakdown =
         SizeBreakdown::new(format, file_bytes, header_bytes, vec![values]).with_comments(copyright.collect());

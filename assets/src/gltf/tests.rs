@@ -113,7 +113,7 @@ fn integers_are_numbers_or_shares_and_negative_scales_are_logarithms() {
     let (found, plain) = (found.unwrap(), changed(|_| {}).unwrap());
     assert!((0..5).all(|at| (found.opacities()[at] - plain.opacities()[at]).abs() < 0.5 / 255.0 + 1e-6));
     let scene = Scene::generate(5, 0, splat);
-    let (document, mut binary) = parts(&bytes(&scene));
+    let (mut document, mut binary) = parts(&bytes(&scene));
     let start = 5 * 28;
     for (value, scale) in binary[start..start + 60].chunks_exact_mut(4).zip(scene.scales().as_flattened()) {
         value.copy_from_slice(&scale.ln().min(-0.1).to_le_bytes());
@@ -124,6 +124,21 @@ fn integers_are_numbers_or_shares_and_negative_scales_are_logarithms() {
     let expected = scene.scales()[0][0].min((-0.1f32).exp());
     assert!((found.scales()[0][0] - expected).abs() < 1e-6);
     assert_eq!((found.opacities()[0], found.notes().clamped_opacities), (1.0, 1));
+    // Logarithms without a negative one, in another primitive of the file.
+    let (at, accessor) = (binary.len(), document["accessors"].as_array().unwrap().len());
+    binary.extend([2f32.to_le_bytes(); 15].as_flattened());
+    document["buffers"][0]["byteLength"] = json!(binary.len());
+    let push = |list: &mut Value, item: Value| list.as_array_mut().unwrap().push(item);
+    let views = document["bufferViews"].as_array().unwrap().len();
+    push(&mut document["bufferViews"], json!({ "buffer": 0, "byteOffset": at, "byteLength": 60 }));
+    let scales = json!({ "bufferView": views, "componentType": 5126, "count": 5, "type": "VEC3" });
+    push(&mut document["accessors"], scales);
+    let mut other = document["meshes"][0]["primitives"][0].clone();
+    other["attributes"]["KHR_gaussian_splatting:SCALE"] = json!(accessor);
+    push(&mut document["meshes"][0]["primitives"], other);
+    let found = Scene::parse(&glb_file::joined(&document, &binary), QUIET).unwrap();
+    assert!((found.scales()[5][0] - 2f32.exp()).abs() < 1e-5, "{:?}", found.scales());
+    assert!(found.size_breakdown().format.ends_with(", logarithms of scales"));
 }
 
 #[test]
