@@ -1,7 +1,7 @@
 //! Parses the parts of glTF's JSON that splats and cameras need, and computes the transforms of their nodes.
 
 use crate::error::{SceneError, row, wrong};
-use crate::scene::SortKey;
+use crate::scene::{FileNotes, SortKey};
 use crate::similarity::{self, Similarity};
 use glam::{DMat4, DQuat};
 use serde::Deserialize;
@@ -274,16 +274,20 @@ impl Document {
         found
     }
 
-    /// Lists the primitives of splats in the scene, once per node that places them. Also counts the other primitives,
-    /// those of meshes. Fails if there are no splats, or more than [`MAX_PLACED`] primitives of them.
-    pub(super) fn splats(&self) -> Result<(Vec<Splats<'_>>, u64), SceneError> {
+    /// Lists the primitives of splats in the scene, once per node that places them. Also counts what is not read: the
+    /// primitives of meshes, the cameras, and the splats of other scenes. Fails if there are no splats, or more than
+    /// [`MAX_PLACED`] primitives of them.
+    pub(super) fn splats(&self) -> Result<(Vec<Splats<'_>>, FileNotes), SceneError> {
         // Primitives of splats by mesh, so that a node does not search its mesh again.
         let splats_of: Vec<Vec<&Primitive>> = self.meshes.iter().map(Mesh::splats).collect();
-        let (mut found, mut others) = (Vec::new(), 0);
+        let (mut found, mut notes) = (Vec::new(), FileNotes::default());
+        let mut is_placed = vec![false; self.meshes.len()];
         for (index, place) in self.placed()? {
+            notes.cameras += u64::from(self.nodes[index].camera.is_some());
             let Some(mesh) = self.nodes[index].mesh else { continue };
             let splats = item(&splats_of, mesh, "nodes.mesh")?;
-            others += (self.meshes[mesh].primitives.len() - splats.len()) as u64;
+            is_placed[mesh] = true;
+            notes.mesh_primitives += (self.meshes[mesh].primitives.len() - splats.len()) as u64;
             let count = found.len() + splats.len();
             if count > MAX_PLACED {
                 let text =
@@ -306,9 +310,17 @@ impl Document {
                 found.push(Splats { primitive, spz, key_of, place });
             }
         }
-        match found.is_empty() {
-            true => Err(SceneError::NotScene { found: "a glTF model without Gaussian splats".into() }),
-            false => Ok((found, others)),
+        let elsewhere = splats_of.iter().zip(is_placed).filter(|(_, is_placed)| !is_placed);
+        notes.splats_elsewhere = elsewhere.map(|(splats, _)| splats.len() as u64).sum();
+        match (found.is_empty(), notes.splats_elsewhere) {
+            (true, 0) => Err(SceneError::NotScene { found: "a glTF model without Gaussian splats".into() }),
+            (true, count) => {
+                let text = format!(
+                    "expected splats in the default scene, found none, and {count} primitives of them elsewhere"
+                );
+                Err(wrong("scene", text))
+            }
+            (false, _) => Ok((found, notes)),
         }
     }
 }

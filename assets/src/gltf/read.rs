@@ -210,7 +210,7 @@ fn headers(container: &Container, all: &[(usize, Splats)]) -> Result<Vec<SceneHe
 /// Parses the splats of a glTF file. `path` locates the buffers beside it.
 pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
     let container = Container::open(input.source, path)?;
-    let (all, mesh_primitives) = container.document.splats()?;
+    let (all, counts) = container.document.splats()?;
     // Several nodes can place one primitive, or one SPZ file, which is unpacked once.
     let mut all: Vec<_> = all.into_iter().enumerate().collect();
     all.sort_by_key(|(_, splats)| splats.spz);
@@ -250,6 +250,7 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     let copyright = container.document.asset.copyright.iter().map(|owner| format!("copyright {owner}"));
     let breakdown =
         SizeBreakdown::new(format, file_bytes, header_bytes, vec![values]).with_comments(copyright.collect());
-    let notes = FileNotes { mesh_primitives, ..scene.notes() };
+    let FileNotes { mesh_primitives, cameras, splats_elsewhere, .. } = counts;
+    let notes = FileNotes { mesh_primitives, cameras, splats_elsewhere, ..scene.notes() };
     Ok(scene.with_notes(notes).with_breakdown(breakdown))
 }

@@ -142,6 +142,31 @@ fn integers_are_numbers_or_shares_and_negative_scales_are_logarithms() {
 }
 
 #[test]
+fn cameras_and_splats_of_other_scenes_are_counted_and_a_default_scene_without_splats_is_told() {
+    let with = |scenes: Value| {
+        changed(move |document| {
+            let mesh = document["meshes"][0].clone();
+            document["meshes"].as_array_mut().unwrap().push(mesh);
+            document["nodes"] = json!([{ "mesh": 0 }, { "mesh": 1 }, { "camera": 0 }, {}]);
+            (document["scenes"], document["scene"]) = (scenes, json!(1));
+        })
+    };
+    let notes = with(json!([{ "nodes": [0] }, { "nodes": [1, 2] }])).unwrap().notes();
+    assert_eq!(
+        notes.left_out(),
+        [
+            "primitives of splats outside the default scene: 1; they are not read",
+            "cameras: 1; `--cameras` reads them, and `convert --write-cameras` writes them"
+        ]
+    );
+    let said = with(json!([{ "nodes": [0, 1] }, { "nodes": [3] }])).unwrap_err();
+    says(
+        said,
+        "`scene`: expected splats in the default scene, found none, and 2 primitives of them elsewhere",
+    );
+}
+
+#[test]
 fn spz_inside_gives_the_splats_of_the_file() {
     let scene = Scene::generate(50, 2, splat);
     let mut spz = Vec::new();

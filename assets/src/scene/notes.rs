@@ -102,6 +102,12 @@ pub struct FileNotes {
     /// Number of primitives of meshes in the glTF file of the splats. They are not read.
     #[serde(skip_serializing_if = "is_zero")]
     pub mesh_primitives: u64,
+    /// Number of cameras in the glTF file of the splats. They are read only as cameras.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub cameras: u64,
+    /// Number of primitives of splats that are not in the default scene of their glTF file. They are not read.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub splats_elsewhere: u64,
     /// Tags in which merged scenes differ.
     #[serde(skip_serializing_if = "MixedTags::is_empty")]
     pub mixed: MixedTags,
@@ -116,6 +122,11 @@ fn counted(count: u64, text: &str) -> Option<String> {
     (count > 0).then(|| format!("{} {text}", grouped(count)))
 }
 
+/// Writes a count after its noun, and then advice; `None` if it is 0.
+fn advised(count: u64, noun: &str, advice: &str) -> Option<String> {
+    (count > 0).then(|| format!("{noun}: {}; {advice}", grouped(count)))
+}
+
 impl FileNotes {
     /// Up direction of a file that names none: y points down.
     pub const UP: [f64; 3] = [0.0, -1.0, 0.0];
@@ -125,10 +136,15 @@ impl FileNotes {
         self.low_pass != Filter::Dilated
     }
 
-    /// Lists the nonzero numbers of unread tree nodes, unread mesh primitives and clamped opacities, a phrase for each.
+    /// Lists the nonzero numbers of clamped opacities and of what is not read, a phrase for each.
     pub fn left_out(&self) -> Vec<String> {
         let nodes = counted(self.lod_nodes, "nodes of a tree of levels of detail above its leaves");
-        [nodes, self.clamped(), self.mesh_left_out()].into_iter().flatten().collect()
+        let outside = "primitives of splats outside the default scene";
+        let elsewhere = advised(self.splats_elsewhere, outside, "they are not read");
+        let advice = "`--cameras` reads them, and `convert --write-cameras` writes them";
+        let cameras = advised(self.cameras, "cameras", advice);
+        let all = [nodes, self.clamped(), self.mesh_left_out(), elsewhere, cameras];
+        all.into_iter().flatten().collect()
     }
 
     /// Reports how many opacities were clamped. `None` if there are none.
@@ -138,13 +154,8 @@ impl FileNotes {
 
     /// Reports how many mesh primitives of the splats' file were not read. `None` if there are none.
     pub fn mesh_left_out(&self) -> Option<String> {
-        let count = self.mesh_primitives;
-        (count > 0).then(|| {
-            format!(
-                "mesh primitives beside the splats: {}; in a file of its own, a mesh is drawn",
-                grouped(count)
-            )
-        })
+        let advice = "in a file of its own, a mesh is drawn";
+        advised(self.mesh_primitives, "mesh primitives beside the splats", advice)
     }
 
     pub(crate) fn without_tags(self) -> Self {
@@ -191,6 +202,8 @@ impl FileNotes {
             lod_nodes: self.lod_nodes + other.lod_nodes,
             clamped_opacities: self.clamped_opacities + other.clamped_opacities,
             mesh_primitives: self.mesh_primitives + other.mesh_primitives,
+            cameras: self.cameras + other.cameras,
+            splats_elsewhere: self.splats_elsewhere + other.splats_elsewhere,
             mixed: MixedTags {
                 low_pass: self.mixed.low_pass || other.mixed.low_pass || self.low_pass != other.low_pass,
                 key_of: self.mixed.key_of || other.mixed.key_of || self.key_of != other.key_of,

@@ -139,7 +139,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
         None => None,
     };
     let loaded = loading::load_scene(&args.input, &args.load.into())?;
-    let (merged, originals) = args.edit.merged(loaded, args.load)?;
+    let mut notes = loaded.notes();
+    if cameras.is_some() {
+        // They are kept, in a file of their own.
+        notes.cameras = 0;
+    }
+    let (merged, originals) = args.edit.merged(loaded.with_notes(notes), args.load)?;
     let paths = [&args.input].into_iter().chain(&args.edit.merge);
     let names: Vec<String> = paths.map(|path| path.display().to_string()).collect();
     let originals: Vec<(&str, &Original)> = names.iter().map(String::as_str).zip(&originals).collect();
