@@ -33,16 +33,14 @@ pub(crate) fn cameras(source: &Source) -> Result<(Vec<Camera>, bool), SceneError
         let camera = item(&document.cameras, camera, "nodes.camera")?;
         let name = if node.name.is_empty() { &camera.name } else { &node.name };
         let fault = |message: String| wrong(format!("nodes[{index}].camera"), message);
-        // The node's scale is ignored.
-        let axes = DMat3::from_mat4(place);
-        let axes = DMat3::from_cols(
-            axes.x_axis.normalize_or_zero(),
-            axes.y_axis.normalize_or_zero(),
-            axes.z_axis.normalize_or_zero(),
-        );
+        // Scale, mirroring and skew of the nodes are ignored: the z axis keeps its direction.
+        let DMat3 { y_axis, z_axis, .. } = DMat3::from_mat4(place);
+        let [y, z] = [y_axis, z_axis].map(DVec3::normalize_or_zero);
+        let x = y.cross(z).normalize_or_zero();
+        let y = z.cross(x);
         // Converts the axes of glTF to those of scenes: half a turn about z, as for splats.
         let world = |v: DVec3| DVec3::new(-v.x, -v.y, v.z);
-        let [right, down, forward] = [axes.x_axis, -axes.y_axis, -axes.z_axis].map(world);
+        let [right, down, forward] = [x, -y, -z].map(world);
         let (projection, aspect, half_height) = lens(camera).map_err(fault)?;
         let width = (f64::from(HEIGHT) * aspect).round().clamp(1.0, WIDEST);
         let camera = Camera {
