@@ -39,7 +39,8 @@ pub enum SceneError {
 
     /// The file is a mesh, where splats are needed.
     #[error(
-        "expected splats, found a mesh; name it after a scene of splats, or beside one in a scene file (.ron)"
+        "expected splats, found a mesh; a scene file (.ron) lists it beside splats, and a command that takes several scenes \
+         draws it after the first"
     )]
     MeshAlone,
 

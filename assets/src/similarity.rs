@@ -45,10 +45,8 @@ impl Similarity {
 
     /// Decomposes a matrix. Fails with a message if it skews, mirrors or projects, or if its numbers are out of range,
     /// such as a scale of 0.
-    pub(crate) fn of_matrix(matrix: DMat4) -> Result<Self, &'static str> {
+    pub(crate) fn of_matrix(matrix: DMat4) -> Result<Self, String> {
         const SKEWED: &str = "expected a rotation, a uniform scale and a translation, found a matrix that skews, mirrors or projects";
-        const FAR: &str =
-            "expected a scale of 1e-9 to 1e9 and a translation of at most 1e18, found another number";
         if matrix == DMat4::IDENTITY {
             return Ok(Self::IDENTITY);
         }
@@ -56,12 +54,14 @@ impl Similarity {
         let (scale, translation) = (linear.determinant().cbrt(), matrix.w_axis.truncate());
         let is_near = translation.to_array().iter().all(|v| v.abs() <= Self::FARTHEST);
         if !Self::SCALES.contains(&scale.abs()) || !is_near {
-            return Err(FAR);
+            return Err(format!(
+                "expected a scale of 1e-9 to 1e9 and a translation of at most 1e18, found {scale} and {translation}"
+            ));
         }
         let turn = linear * (1.0 / scale);
         let is_rotation = (turn * turn.transpose()).abs_diff_eq(DMat3::IDENTITY, TOLERANCE);
         if !(scale > 0.0 && is_rotation && affine(matrix.row(3)).is_ok()) {
-            return Err(SKEWED);
+            return Err(SKEWED.into());
         }
         Ok(Self { rotation: DQuat::from_mat3(&turn).normalize(), scale, translation })
     }

@@ -287,7 +287,7 @@ fn what_is_not_drawn_is_refused_by_name() {
     );
     says(
         said(|document| document["nodes"][0]["scale"] = json!([0.0, 0.0, 0.0])),
-        "nodes[0]`: expected a scale of 1e-9 to 1e9",
+        "nodes[0]`: expected a scale of 1e-9 to 1e9 and a translation of at most 1e18, found 0 and [0, 0, 0]",
     );
     says(
         said(|document| {

@@ -213,7 +213,11 @@ fn invalid(error: gltf::Error) -> SceneError {
             let (path, first) = &errors[0];
             let more = errors.len() - 1;
             let others = if more > 0 { format!(", and {more} more") } else { String::new() };
-            wrong("glTF", format!("expected a valid document, found: {path}: {first}{others}"))
+            let advice = match path.as_str().ends_with(".source") {
+                true => "; only PNG and JPEG are read, not the images of extensions",
+                false => "",
+            };
+            wrong("glTF", format!("expected a valid document, found: {path}: {first}{others}{advice}"))
         }
         error => wrong("glTF", error),
     }

@@ -198,7 +198,10 @@ fn scene_files_place_meshes_and_a_mesh_alone_is_no_scene() {
     std::fs::write(at("all.ron"), text).unwrap();
     let scene = Scene::load(at("all.ron"), crate::QUIET).expect("a scene");
     assert_eq!((scene.count(), scene.mesh().expect("a mesh").positions[0]), (3, [0.0, 0.0, 5.0]));
-    says(Scene::load(at("stone.glb"), crate::QUIET).unwrap_err(), "expected splats, found a mesh");
+    says(
+        Scene::load(at("stone.glb"), crate::QUIET).unwrap_err(),
+        "expected splats, found a mesh; a scene file",
+    );
     assert!(matches!(Scene::load_any(at("stone.glb"), None, crate::QUIET), Ok(Content::Mesh(_))));
 }
 
@@ -241,6 +244,11 @@ fn mistakes_are_told_with_their_part() {
         ("base64,AAAAAAAA", "base64,AADAfwAA", "expected finite numbers, found NaN"),
         ("\"mesh\":0}]", "\"mesh\":0,\"children\":[0]}]", "expected a tree, found a node with two parents"),
         ("[0]}],\"nodes\":[", "[0,0]}],\"nodes\":[{},", "expected a tree"),
+        (
+            "\"scene\":0,",
+            "\"textures\":[{}],\"scene\":0,",
+            "only PNG and JPEG are read, not the images of extensions",
+        ),
         ("{\"POSITION\":0}", "{\"POSITION\":9}", "expected an accessor below 1, found 9"),
         ("\"scene\":0,", "\"scene\":0,\"extensionsRequired\":[\"KHR_x\"],", "found KHR_x"),
     ] {

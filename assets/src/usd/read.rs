@@ -106,7 +106,7 @@ fn splats(layer: &Layer) -> Result<Vec<Splats<'_>>, SceneError> {
             worlds = Some(xform::world(layer)?);
         }
         let world = worlds.as_ref().map_or(DMat4::IDENTITY, |worlds| worlds[index]);
-        let place = Similarity::of_matrix(world).map_err(|text| layer.wrong(index, "", text.into()))?;
+        let place = Similarity::of_matrix(world).map_err(|text| layer.wrong(index, "", text))?;
         let place = if upright == Similarity::IDENTITY { place } else { place.then(upright) };
         found.push(prim_splats(layer, index, place)?);
     }
