@@ -2,7 +2,7 @@
 
 use crate::common;
 use crate::place::Place;
-use serde_json::Value;
+use serde_json::{Value, json};
 use splatgraph_assets::{QUIET, Scene, SceneFormat, SpzVersion, grouped};
 
 /// Draws two scenes with the exact renderer, into `a/` and `b/`. Returns the minimum PSNR over the cameras, in dB;
@@ -134,6 +134,41 @@ fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
 }
 
 #[test]
+fn what_files_of_gltf_lose_is_told_and_cameras_that_are_written_are_no_loss() {
+    let place = Place::demo(50);
+    place.done("convert scene.ply plain.glb --degree 0");
+    let glb = place.bytes("plain.glb");
+    let end = 20 + u32::from_le_bytes([glb[12], glb[13], glb[14], glb[15]]) as usize;
+    let mut document: Value = serde_json::from_slice(&glb[20..end]).expect("JSON");
+    document["cameras"] = json!([{ "type": "perspective", "perspective": { "yfov": 1.0, "znear": 0.1 } }]);
+    document["nodes"][0]["camera"] = json!(0);
+    document["buffers"][0]["uri"] = json!("s.bin");
+    place.write("s.gltf", document.to_string());
+    place.write("s.bin", &glb[end + 8..]);
+    let cameras = "cameras: 1; `--cameras` reads them, and `convert --write-cameras` writes them\n";
+    assert!(place.done("info s.gltf").contains(cameras));
+    assert!(place.done("convert s.gltf out.spz").contains(&format!("  lost: {cameras}")));
+    assert!(place.fails("convert s.gltf out.glb --strict", 1).contains("found cameras: 1"));
+    place.done("convert s.gltf out.glb --strict -c s.gltf --write-cameras out.json");
+
+    let mesh = r#"{"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"byteLength": 36, "uri": "data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]}"#;
+    place.write("m.gltf", mesh);
+    place.write("all.ron", r#"Scenes([Scene(file: "scene.ply"), Scene(file: "m.gltf")])"#);
+    let render = "-c cameras.json#0 --size 16x9 --backend reference -o out.png";
+    for (line, told) in [
+        (format!("render scene.ply m.gltf {render}"), "m.gltf: left out: vertex colours\n"),
+        ("info all.ron".to_owned(), "all.ron: left out: vertex colours (m.gltf)\n"),
+    ] {
+        let errors = place.said(&line).1;
+        assert!(errors.contains(told), "{errors}");
+    }
+}
+
+#[test]
 fn losses_are_listed_for_each_scene_and_may_be_refused() {
     let place = Place::demo(300);
     let whole = std::fs::read(place.at("scene.ply")).expect("a scene");
@@ -161,10 +196,10 @@ fn losses_are_listed_for_each_scene_and_may_be_refused() {
         !place.at("strict.spz").exists() && told["output"].is_null() && told["bytes"].is_null(),
         "{told}"
     );
-    assert_eq!(told["losses"], serde_json::json!([words.trim_end()]));
+    assert_eq!(told["losses"], json!([words.trim_end()]));
     place.done("convert scene.ply strict.spz --strict --degree 0");
     let losses = place.told("convert owned.ply out.spz --degree 0 --json");
-    assert_eq!(losses["losses"], serde_json::json!([words.trim_end()]));
+    assert_eq!(losses["losses"], json!([words.trim_end()]));
     assert_eq!(losses["chosen_losses"][0], "harmonics: cut from degree 3 to 0");
     assert_eq!((&losses["splats"], &losses["original_splats"]), (&300.into(), &300.into()));
     let prices = place.told("convert owned.ply --price --size 16x9 --format splat --format spz --json");
