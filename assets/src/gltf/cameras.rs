@@ -3,7 +3,7 @@
 //! glTF has no picture sizes, only aspect ratios: all pictures have the height [`HEIGHT`].
 
 use super::container;
-use super::document::{Document, Lens, item};
+use super::document::{Document, Lens, Placed, item};
 use crate::camera::Camera;
 use crate::error::{SceneError, wrong};
 use crate::input::Source;
@@ -23,10 +23,10 @@ const WIDEST: f64 = 16384.0;
 pub(crate) fn cameras(source: &Source) -> Result<(Vec<Camera>, bool), SceneError> {
     let document = Document::read(&container::json(source)?)?;
     let mut placed = document.placed()?;
-    placed.sort_unstable_by_key(|(node, _)| *node);
+    placed.sort_unstable_by_key(|node| node.index);
     let animated = document.animated();
     let (mut found, mut has_animation) = (Vec::new(), false);
-    for (index, place) in placed {
+    for Placed { index, place, .. } in placed {
         let node = &document.nodes[index];
         let Some(camera) = node.camera else { continue };
         has_animation |= animated.contains(&index);

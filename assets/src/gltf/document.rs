@@ -29,9 +29,19 @@ pub(super) fn item<'a, T>(items: &'a [T], index: usize, of: &str) -> Result<&'a 
     items.get(index).ok_or_else(|| wrong(of, format!("expected an index below {count}, found {index}")))
 }
 
-/// Lists the nodes of the scene in a document's JSON; see [`Document::placed`].
-pub(crate) fn placed(text: &[u8]) -> Result<Vec<(usize, DMat4)>, SceneError> {
-    Document::read(text)?.placed()
+/// Lists the visible nodes of the scene in a document's JSON; see [`Document::placed`].
+pub(crate) fn visible(text: &[u8]) -> Result<Vec<(usize, DMat4)>, SceneError> {
+    let visible = |node: Placed| node.visible.then_some((node.index, node.place));
+    Ok(Document::read(text)?.placed()?.into_iter().filter_map(visible).collect())
+}
+
+/// A node of the scene.
+pub(super) struct Placed {
+    pub index: usize,
+    /// Transform into the document's world.
+    pub place: DMat4,
+    /// False if the node or one above it is hidden (`KHR_node_visibility`).
+    visible: bool,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -91,6 +101,20 @@ pub(super) struct Node {
     translation: Option<[f64; 3]>,
     rotation: Option<[f64; 4]>,
     scale: Option<[f64; 3]>,
+    extensions: NodeExtensions,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct NodeExtensions {
+    #[serde(rename = "KHR_node_visibility")]
+    visibility: Option<Visibility>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Visibility {
+    visible: Option<bool>,
 }
 
 /// The definition of a camera, without a position: nodes place it.
@@ -221,12 +245,11 @@ impl Document {
             .map_err(|error| row(error.line() as u64, format!("the JSON of glTF: {error}")))
     }
 
-    /// Lists the nodes of the scene, each before its children, in the order of the document's lists: their indices, and
-    /// their transforms into the document's world.
+    /// Lists the nodes of the scene, each before its children, in the order of the document's lists.
     ///
     /// The scene is the default one, or the first. A document without scenes counts as one scene of all nodes. Fails if
     /// a node is reached twice.
-    pub(super) fn placed(&self) -> Result<Vec<(usize, DMat4)>, SceneError> {
+    pub(super) fn placed(&self) -> Result<Vec<Placed>, SceneError> {
         let roots = match self.scene.or((!self.scenes.is_empty()).then_some(0)) {
             Some(scene) => item(&self.scenes, scene, "scene")?.nodes.clone(),
             None => {
@@ -239,10 +262,10 @@ impl Document {
             }
         };
         // The last one is the next.
-        let mut open: Vec<_> = roots.into_iter().rev().map(|node| (node, DMat4::IDENTITY)).collect();
+        let mut open: Vec<_> = roots.into_iter().rev().map(|node| (node, DMat4::IDENTITY, true)).collect();
         let mut seen = vec![false; self.nodes.len()];
         let mut found = Vec::new();
-        while let Some((index, parent)) = open.pop() {
+        while let Some((index, parent, visible)) = open.pop() {
             let node = item(&self.nodes, index, "nodes.children")?;
             if std::mem::replace(&mut seen[index], true) {
                 return Err(wrong(
@@ -255,8 +278,10 @@ impl Document {
                 wrong(format!("nodes[{index}].matrix"), format!("{text} glTF lists columns"))
             })?;
             let place = parent * matrix;
-            open.extend(node.children.iter().rev().map(|child| (*child, place)));
-            found.push((index, place));
+            let own = node.extensions.visibility.as_ref().and_then(|own| own.visible);
+            let visible = visible && own.unwrap_or(true);
+            open.extend(node.children.iter().rev().map(|child| (*child, place, visible)));
+            found.push(Placed { index, place, visible });
         }
         Ok(found)
     }
@@ -275,16 +300,16 @@ impl Document {
     }
 
     /// Lists the primitives of splats in the scene, once per node that places them. Also counts what is not read: the
-    /// primitives of meshes, the cameras, and the splats of other scenes. Fails if there are no splats, or more than
+    /// primitives of meshes, the cameras, and the splats of other scenes or hidden nodes. Fails if there are no splats, or more than
     /// [`MAX_PLACED`] primitives of them.
     pub(super) fn splats(&self) -> Result<(Vec<Splats<'_>>, FileNotes), SceneError> {
         // Primitives of splats by mesh, so that a node does not search its mesh again.
         let splats_of: Vec<Vec<&Primitive>> = self.meshes.iter().map(Mesh::splats).collect();
         let (mut found, mut notes) = (Vec::new(), FileNotes::default());
         let mut is_placed = vec![false; self.meshes.len()];
-        for (index, place) in self.placed()? {
+        for Placed { index, place, visible } in self.placed()? {
             notes.cameras += u64::from(self.nodes[index].camera.is_some());
-            let Some(mesh) = self.nodes[index].mesh else { continue };
+            let Some(mesh) = self.nodes[index].mesh.filter(|_| visible) else { continue };
             let splats = item(&splats_of, mesh, "nodes.mesh")?;
             is_placed[mesh] = true;
             notes.mesh_primitives += (self.meshes[mesh].primitives.len() - splats.len()) as u64;

@@ -155,10 +155,19 @@ fn cameras_and_splats_of_other_scenes_are_counted_and_a_default_scene_without_sp
     assert_eq!(
         notes.left_out(),
         [
-            "primitives of splats outside the default scene: 1; they are not read",
+            "primitives of splats outside the default scene or hidden: 1; they are not read",
             "cameras: 1; `--cameras` reads them, and `convert --write-cameras` writes them"
         ]
     );
+    let hidden = changed(|document| {
+        let hide = json!({ "KHR_node_visibility": { "visible": false } });
+        let mesh = document["meshes"][0].clone();
+        document["meshes"].as_array_mut().unwrap().push(mesh);
+        document["nodes"] = json!([{ "mesh": 0 }, { "mesh": 1, "extensions": hide }]);
+        document["scenes"] = json!([{ "nodes": [0, 1] }]);
+    });
+    let hidden = hidden.unwrap();
+    assert_eq!((hidden.count(), hidden.notes().splats_elsewhere), (5, 1));
     let said = with(json!([{ "nodes": [0, 1] }, { "nodes": [3] }])).unwrap_err();
     says(
         said,

@@ -1,7 +1,7 @@
 //! Reads meshes from glTF 2.0, as text or binary (`.gltf`, `.glb`).
 //!
 //! The crate `gltf` parses and validates the JSON. Bytes of buffers are read here, and every range is checked against
-//! its buffer. The transform of each node of the default scene is applied to its mesh. Of the lights
+//! its buffer. The transform of each visible node of the default scene is applied to its mesh. Of the lights
 //! (`KHR_lights_punctual`), only the first directional one is read: its direction and colour. Skins, morph targets,
 //! animations and cameras are ignored.
 
@@ -9,7 +9,7 @@ use super::data::{Light, Mesh, MeshMaterial, Texture};
 use super::image::{self, MAX_TEXELS};
 use crate::error::{SceneError, wrong};
 use crate::file;
-use crate::gltf::{Component, MAGIC, placed};
+use crate::gltf::{Component, MAGIC, visible};
 use crate::input::{OpenFile, Source};
 use crate::json;
 use crate::similarity::Similarity;
@@ -33,7 +33,8 @@ const UNLIT: &str = "KHR_materials_unlit";
 /// Extension that scales texture coordinates. It is not read. Quantized texture coordinates depend on it.
 const TEXTURE_TRANSFORM: &str = "KHR_texture_transform";
 /// Extensions that are read.
-const READ: [&str; 4] = [QUANTIZATION, UNLIT, "KHR_lights_punctual", "KHR_materials_emissive_strength"];
+const READ: [&str; 5] =
+    [QUANTIZATION, UNLIT, "KHR_lights_punctual", "KHR_materials_emissive_strength", "KHR_node_visibility"];
 
 /// Maximum size of a buffer or an image in its own file, in bytes.
 const MAX_BYTES: u64 = 1 << 30;
@@ -103,8 +104,7 @@ impl Mesh {
             materials: HashMap::new(),
             mesh: Self::default(),
         };
-        let placed = placed(json_of(bytes))?;
-        let has_other_lights = reader.nodes(placed)?;
+        let has_other_lights = reader.nodes(visible(json_of(bytes))?)?;
         reader.mesh.left_out.extend(left_out(&document, has_other_lights));
         match reader.mesh.triangles.is_empty() {
             true => Err(wrong("meshes", "expected triangles, found none")),

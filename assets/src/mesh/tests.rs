@@ -87,12 +87,12 @@ fn the_first_directional_light_is_read_and_what_is_not_drawn_is_named() {
     assert_eq!(read.light.map(|light| light.color), Some([1.0, 0.0, 0.0]));
     assert_eq!(read.left_out, ["lights besides the first directional one"]);
     let others = extra(
-        r#""extensionsUsed":["KHR_materials_unlit","KHR_node_visibility"],"materials":[{"alphaMode":"BLEND"}],
+        r#""extensionsUsed":["KHR_materials_unlit","EXT_mesh_gpu_instancing"],"materials":[{"alphaMode":"BLEND"}],
         "samplers":[{"wrapT":33071}]"#,
     );
     let others = others.replace(r#"{"POSITION":0}"#, r#"{"POSITION":0,"COLOR_0":0}"#);
     let read = Mesh::parse(others.as_bytes(), None).unwrap();
-    let expected = "vertex colours, alpha mode BLEND, wrap modes other than repeat, KHR_node_visibility";
+    let expected = "vertex colours, alpha mode BLEND, wrap modes other than repeat, EXT_mesh_gpu_instancing";
     assert_eq!((read.left_out, read.light), (vec![expected.to_owned()], None));
     assert!(Mesh::parse(changed("5126", "5126").as_bytes(), None).unwrap().left_out.is_empty());
 }
@@ -122,6 +122,16 @@ fn x_and_y_of_a_file_change_their_signs_and_flat_triangles_get_their_normals() {
     assert_eq!(read.positions, [[0.0, 0.0, 2.0], [-1.0, 0.0, 2.0], [0.0, -1.0, 2.0]]);
     assert_eq!(read.normals, [[0.0, 0.0, 1.0]; 3]);
     assert_eq!((read.triangles.len(), read.materials.len()), (1, 1));
+}
+
+#[test]
+fn nodes_below_a_hidden_one_are_not_read() {
+    let hidden =
+        r#""extensions":{"KHR_node_visibility":{"visible":false}},"children":[2]},{"mesh":0},{"mesh":0"#;
+    let text = changed("\"mesh\":0", hidden).replace(r#"{"nodes":[0]}"#, r#"{"nodes":[0,1]}"#);
+    assert_eq!(Mesh::parse(text.as_bytes(), None).unwrap().triangles.len(), 1);
+    let shown = text.replace("false", "true");
+    assert_eq!(Mesh::parse(shown.as_bytes(), None).unwrap().triangles.len(), 2);
 }
 
 #[test]

@@ -105,7 +105,7 @@ pub struct FileNotes {
     /// Number of cameras in the glTF file of the splats. They are read only as cameras.
     #[serde(skip_serializing_if = "is_zero")]
     pub cameras: u64,
-    /// Number of primitives of splats that are not in the default scene of their glTF file. They are not read.
+    /// Number of primitives of splats that are hidden in their glTF file or not in its default scene. They are not read.
     #[serde(skip_serializing_if = "is_zero")]
     pub splats_elsewhere: u64,
     /// Tags in which merged scenes differ.
@@ -139,7 +139,7 @@ impl FileNotes {
     /// Lists the nonzero numbers of clamped opacities and of what is not read, a phrase for each.
     pub fn left_out(&self) -> Vec<String> {
         let nodes = counted(self.lod_nodes, "nodes of a tree of levels of detail above its leaves");
-        let outside = "primitives of splats outside the default scene";
+        let outside = "primitives of splats outside the default scene or hidden";
         let elsewhere = advised(self.splats_elsewhere, outside, "they are not read");
         let advice = "`--cameras` reads them, and `convert --write-cameras` writes them";
         let cameras = advised(self.cameras, "cameras", advice);
