@@ -169,6 +169,24 @@ fn the_advised_command_draws_the_promised_psnr() {
     let command = text.lines().find(|line| line.starts_with("splatgraph ")).expect("a command");
     assert!(command.contains("sh_degree=0"), "{command}");
 
+    // A value that is the default beside the exact settings stays if the changed parameter changes that default.
+    let graph = r#"Graph(version: 1, summary: "a default that depends on another parameter",
+        params: {
+            "bits": Const(Int(default: 32, exact: 32, range: (8, 32))),
+            "degree": Const(Int(default: "bits == 32 ? 1 : 0", exact: 1, range: (0, 1))) },
+        passes: [Include(graph: "splat", name: "scene", set: { "key_bits": "bits", "sh_degree": "degree" },
+            expose: Only(["cutoff", "budget", "alpha_floor", "alpha_cap", "jacobian_limit"]))],
+        output: "scene.picture")"#;
+    place.write("own.ron", graph);
+    place.done("advise scene.ply -p own.ron --psnr 5 --size 64x48 --rounds 1 --frames 1 --json=own.json");
+    let json = place.json("own.json");
+    let has_degree = |name: &str| {
+        let mut tried = json["tried"].as_array().expect("a list").iter().map(|tried| &tried["setting"]);
+        let setting = tried.find(|setting| setting["name"] == name);
+        setting.map(|setting| setting["set"].to_string().contains(r#"["degree","1"]"#))
+    };
+    assert_eq!(["exact", "bits = 8"].map(has_degree), [Some(false), Some(true)], "{json}");
+
     // Other projections are compared with exact pictures of the same projection.
     place.done("advise scene.ply -p fisheye --psnr 45 --size 64x48 --rounds 1 --frames 1");
     place.refuses("", &[("advise scene.ply --psnr 0", 2, "expected a number above 0")]);

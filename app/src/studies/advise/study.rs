@@ -127,20 +127,19 @@ pub fn study(
     let (combined, unsure) = combinations(&tried, &wanted.budget);
     let new = combined.iter().filter(|setting| singles.iter().all(|(other, _)| other.name != setting.name));
     for setting in new.take(DRAWN.0) {
-        // Default values are left out, so that the advised command is short.
-        let setting = Setting { set: changed(&setting.set, &controls), ..setting.clone() };
-        let rows = measured(&[&setting])?.pop().flatten();
-        let found = rows.and_then(|rows| Tried::new(&setting, &rows, floor));
+        let rows = measured(&[setting])?.pop().flatten();
+        let found = rows.and_then(|rows| Tried::new(setting, &rows, floor));
         within += usize::from(found.as_ref().is_some_and(|found| wanted.budget.allows(found) == Some(true)));
         tried.extend(found);
         if within == DRAWN.1 {
             break;
         }
     }
-    for found in &mut tried {
-        if found.setting.pipeline == wanted.pipeline {
-            found.setting.set = changed(&found.setting.set, &controls);
-        }
+    let mut sizes: Vec<(u32, u32)> = cameras.iter().map(|camera| (camera.width, camera.height)).collect();
+    sizes.sort_unstable();
+    sizes.dedup();
+    for found in tried.iter_mut().filter(|found| found.setting.pipeline == wanted.pipeline) {
+        shorten(&mut found.setting, &mut session, &sizes)?;
     }
     Ok(Advice { budget: wanted.budget, tried, unsure })
 }
@@ -172,12 +171,20 @@ fn advised_keys(exact: &Setting, needs: &[Need]) -> Option<Setting> {
     Some(Setting { name: format!("key_bits = {bits}"), pipeline: exact.pipeline.clone(), set })
 }
 
-/// Removes values that equal the graph's defaults. Values that the user set stay: the advised command needs them.
-fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, String)> {
-    let is_default = |(name, value): &(String, String)| {
-        controls.iter().any(|control| control.param.name == *name && control.unset.to_string() == *value)
+/// Removes the values that are the graph's defaults for all `sizes` of pictures, so that the advised command is short.
+///
+/// A default may depend on other parameters, so it is computed beside the setting's other values. Each removed value is
+/// then the default beside the remaining values, too.
+fn shorten(setting: &mut Setting, session: &mut Session, sizes: &[(u32, u32)]) -> Result<(), SessionError> {
+    session.set_graph(&setting.pipeline, &setting.set);
+    let controls: Vec<Vec<Control>> =
+        sizes.iter().map(|size| session.controls(*size)).collect::<Result<_, _>>()?;
+    let is_changed = |(name, value): &(String, String)| {
+        let mut own = controls.iter().flatten().filter(|control| control.param.name == *name);
+        own.any(|control| control.unset.to_string() != *value)
     };
-    set.iter().filter(|pair| !is_default(pair)).cloned().collect()
+    setting.set.retain(is_changed);
+    Ok(())
 }
 
 /// Measures settings in every view. `exact_ms` caches the exact settings' milliseconds of each view.
