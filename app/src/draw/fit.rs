@@ -14,8 +14,8 @@ use splatgraph_api::{Device, DeviceInfo, Heap};
 use splatgraph_assets::memory::display;
 use splatgraph_assets::{SceneHeader, grouped};
 use splatgraph_framework::ir::{Catalog, DeviceFacts, ReflectedKind, Shader, Shape, Source, Usage};
-use splatgraph_framework::plan::Plan;
-use std::collections::BTreeMap;
+use splatgraph_framework::plan::{Plan, Resource};
+use std::collections::{BTreeMap, HashSet};
 use std::fmt;
 use std::path::Path;
 
@@ -146,14 +146,12 @@ struct Needs {
 
 impl Needs {
     fn of(plan: &Plan) -> Needs {
-        let is_storage = |r: &&splatgraph_framework::plan::Resource| {
-            matches!(r.shape, Shape::Buffer { .. }) && r.usage.contains(Usage::STORAGE)
-        };
+        let is_storage =
+            |r: &&Resource| matches!(r.shape, Shape::Buffer { .. }) && r.usage.contains(Usage::STORAGE);
         let storage = plan.resources.iter().filter(is_storage).map(|r| (r.name.clone(), r.bytes()));
-        let others = plan.resources.iter().filter(|r| r.source != Source::Transient).map(|r| r.bytes());
-        let all = others.fold(plan.transient_bytes(), u64::saturating_add);
-        let loading =
-            plan.used_once().iter().map(|id| plan.resource(*id).bytes()).fold(0, u64::saturating_add);
+        let others = bytes(plan.resources.iter().filter(|r| r.source != Source::Transient));
+        let all = others.saturating_add(plan.transient_bytes());
+        let loading = bytes(plan.used_once().iter().map(|id| plan.resource(*id)));
         Needs { storage: storage.collect(), total: all.saturating_sub(loading), loading }
     }
 
@@ -162,6 +160,16 @@ impl Needs {
         all.sort_by_key(|(_, bytes)| std::cmp::Reverse(**bytes));
         all.into_iter().map(|(name, bytes)| (name.clone(), *bytes)).collect()
     }
+}
+
+/// Counts the bytes of resources. A plane of the scene that several includes import is one buffer, and counts once.
+fn bytes<'a>(resources: impl Iterator<Item = &'a Resource>) -> u64 {
+    let mut planes = HashSet::new();
+    let counts = |resource: &&'a Resource| match &resource.source {
+        Source::Scene { attribute, plane } => planes.insert((attribute, *plane, resource.bytes())),
+        _ => true,
+    };
+    resources.filter(counts).map(Resource::bytes).fold(0, u64::saturating_add)
 }
 
 /// Counts the bytes of a plan's resources that stay allocated after the first frame.
@@ -428,6 +436,28 @@ mod tests {
         assert_eq!(advice(&fewer), "", "another condition would have to imply this one");
         let (_, fit) = fit_of("splat", most, &Target::nominal());
         assert!(fit.fits && fit.to_string().contains("splats fit, with"), "{fit}");
+    }
+
+    #[test]
+    fn a_plane_that_two_includes_import_counts_once() {
+        let mut planner = Planner::default();
+        planner.outputs = vec!["normal".into()];
+        for storage in ["f32", "f16"] {
+            let set = [("sh_storage".to_owned(), storage.to_owned())];
+            let (device, catalog) = (Target::nominal().facts, facts::nominal_catalog());
+            let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
+            let plan = planner.plan("tiled", &set, &facts, &catalog).unwrap_or_else(|e| panic!("{e}"));
+            let (mut once, mut planes, mut repeated) = (plan.clone(), Vec::new(), 0);
+            for resource in &mut once.resources {
+                if matches!(resource.source, Source::Scene { .. }) && planes.contains(&resource.source) {
+                    (resource.shape, repeated) = (Shape::Buffer { stride: 4, count: 0 }, repeated + 1);
+                }
+                planes.push(resource.source.clone());
+            }
+            assert!(repeated > 0, "{storage}: the normals import planes of the splats");
+            let [found, expected] = [plan, once].map(|plan| Needs::of(&plan)).map(|n| (n.total, n.loading));
+            assert_eq!(found, expected, "{storage}");
+        }
     }
 
     #[test]
