@@ -328,7 +328,8 @@ fn pixels_that_are_black_in_a_mask_are_not_scored() {
     let line = "evaluate scene.ply -c views --backend reference";
     let said = place.fails(&format!("{line} --masks masks"), 1);
     assert!(said.contains("expected the mask view-0008.png.png in masks, found none"), "{said}");
-    masks("view-0008.png", Image::from_fn(2 * width, 2 * height, |_, _| [1.0; 3]));
+    // A full-size mask: an eighth of its sides is rounded to those of the photograph.
+    masks("view-0008.png", Image::from_fn(8 * width + 3, 8 * height - 3, |_, _| [1.0; 3]));
     let found = scored(&place, "--backend reference --masks masks");
     let (masked, whole) = (&found["views"][0], &found["views"][1]);
     assert!(

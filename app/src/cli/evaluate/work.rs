@@ -145,8 +145,10 @@ impl View {
         let Some(path) = self.mask()? else { return Ok(None) };
         let mask = Image::load_photograph(path, [0.0; 3])?;
         let own = (mask.width, mask.height);
-        // A mask may have another size than the photograph: beside reduced photographs, it often has the full size.
-        if (own.0 as f64 * photograph.1 as f64 / photograph.0 as f64 - own.1 as f64).abs() > 1.0 {
+        // A mask may have another size than the photograph: beside reduced photographs, it often has the full size. The
+        // sides of either may be rounded, by half a pixel of that picture.
+        let [across, down] = [own.0 * photograph.1, own.1 * photograph.0];
+        if across.abs_diff(down) > own.0.max(own.1).max(photograph.0).max(photograph.1) {
             let text = |(width, height): (usize, usize)| format!("{width} x {height}");
             bail!(
                 "{}: expected a mask of the shape of {}, found {}",
