@@ -2,6 +2,7 @@
 
 use crate::place::Place;
 use splatgraph::io::image::Image;
+use splatgraph_assets::Camera;
 use std::process::Output;
 
 #[test]
@@ -462,6 +463,20 @@ fn check_and_dump_count_what_is_left_out_and_warn_where_a_result_was_asked_for()
         assert!(found.status.success(), "{text}");
         assert_eq!(text.matches("`next` reads and writes `words`").count(), warnings, "{text}");
     }
+
+    // Larger pictures have two warnings, one of which was printed for the smaller ones.
+    let more = [r#"name: "next""#, r#"name: "more", when: "viewport.width > 16""#];
+    let more = next.replace(more[0], more[1]).replace("\"words\" }", "\"keys\" }");
+    let copy = r#"Dispatch(name: "copy", when: "viewport.width > 16", shader: "copy.comp", size: Threads(64), bind: { "From": "keys", "To": "words" }),"#;
+    let (place, _) = checked(&format!("{next} {more} {copy} {SHOW}"), "image");
+    place.edit("graph.ron", "(8, 8)", r#"("viewport.width", "viewport.height")"#);
+    place.scene("scene.ply", "demo", 20, 0);
+    let first = &splatgraph_assets::synth::demo_cameras()[0];
+    let camera = |side| Camera { img_name: format!("{side}"), ..first.resized(side, side) };
+    Camera::save(&[16, 32].map(camera), place.at("cameras.json")).expect("cameras are written");
+    let text = place.said("render scene.ply -p graph.ron -c cameras.json -o out").1;
+    let counts = ["`next` reads and writes `words`", "`more` reads and writes `keys"];
+    assert_eq!(counts.map(|warning| text.matches(warning).count()), [1, 1], "{text}");
 }
 
 #[test]

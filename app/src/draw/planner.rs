@@ -210,18 +210,18 @@ impl Planner {
         plan.warnings.extend(found);
     }
 
-    /// Renders the warnings about a plan with the source text; empty if there are none.
+    /// Renders warnings about a plan with the source text; empty if there are none.
     ///
     /// The plan must have been built after the last [`Planner::forget_files`].
-    pub fn warnings(&self, plan: &Plan, colour: bool) -> String {
-        let found: Vec<Diagnostic> = plan.warnings.iter().map(|w| w.diagnostic.clone()).collect();
+    pub fn warnings(&self, of_plan: &[Warning], colour: bool) -> String {
+        let found: Vec<Diagnostic> = of_plan.iter().map(|w| w.diagnostic.clone()).collect();
         render_warnings(&self.files, &found, colour)
     }
 
-    /// Lists the warnings about a plan as plain data; see [`Planner::warnings`].
-    pub fn plain_warnings(&self, plan: &Plan) -> Vec<PlainDiagnostic> {
+    /// Lists warnings about a plan as plain data; see [`Planner::warnings`].
+    pub fn plain_warnings(&self, of_plan: &[Warning]) -> Vec<PlainDiagnostic> {
         let plain = |found| PlainDiagnostic::new(&self.files, found, Severity::Warning);
-        plan.warnings.iter().map(|warning| plain(&warning.diagnostic)).collect()
+        of_plan.iter().map(|warning| plain(&warning.diagnostic)).collect()
     }
 
     /// Lists the parameters of `graph`, with the values of `set`; growing ones are at least [`Planner::capacities`].
@@ -355,6 +355,15 @@ fn name_ways_to_draw_pixels(has_tiles: bool, errors: &mut [Diagnostic]) {
         let tiles = if has_tiles { " tiles of it (docs/projections.md)," } else { "" };
         error.help.push(format!("draw a smaller picture,{tiles} or with `--backend reference`"));
     }
+}
+
+/// Lists the warnings about a plan that are not in `told`, by place and message, and adds them there.
+pub fn new_warnings(plan: &Plan, told: &mut Vec<Warning>) -> Vec<Warning> {
+    let key = |warning: &Warning| (warning.origin.clone(), warning.diagnostic.message.clone());
+    let is_new = |warning: &&Warning| told.iter().all(|other| key(other) != key(warning));
+    let new: Vec<Warning> = plan.warnings.iter().filter(is_new).cloned().collect();
+    told.extend_from_slice(&new);
+    new
 }
 
 /// Lists the settings that have no effect in a plan, each with the reason as a sentence.

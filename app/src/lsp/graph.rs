@@ -239,7 +239,7 @@ impl Workspace {
                     warn_of_unused(&mut self.planner, graph, &mut plan);
                     warnings.extend(self.learn(path, &plan));
                     let full = build.full_plan(&mut self.planner, &plan, (graph, &[]), &catalog)?;
-                    warnings.extend(full.iter().flat_map(|full| self.planner.plain_warnings(full)));
+                    warnings.extend(full.iter().flat_map(|full| self.planner.plain_warnings(&full.warnings)));
                 }
                 None => unchecked.add(&mut self.planner, (graph, &build), &cases[0], &catalog),
             }
@@ -267,7 +267,7 @@ impl Workspace {
         if built.dump.is_none() {
             (built.resources, built.dump) = (resources, Some(backend::dump(plan)));
         }
-        self.planner.plain_warnings(plan)
+        self.planner.plain_warnings(&plan.warnings)
     }
 
     /// Lists the names that the includes of a graph provide besides their resources, each with a description.

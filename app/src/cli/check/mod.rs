@@ -6,7 +6,7 @@ use super::outcome::colour;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::{self, Fit, Target, Wanted};
 use crate::draw::inspect;
-use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, without_effect};
+use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, new_warnings, without_effect};
 use crate::draw::requirements::{self, Case, Unchecked};
 use crate::io::output::{say, say_styled};
 use crate::lsp;
@@ -16,7 +16,7 @@ use splatgraph_framework::dump;
 use splatgraph_framework::ir::{Catalog, Fallback, Unmet};
 use splatgraph_framework::lower::{self, Standing};
 use splatgraph_framework::oracle;
-use splatgraph_framework::plan::Plan;
+use splatgraph_framework::plan::{self, Plan};
 use splatgraph_vulkan::sync::model::{Replay, mutate, replay};
 use splatgraph_vulkan::sync::{self, Barriers};
 use std::path::{Path, PathBuf};
@@ -345,7 +345,7 @@ struct Checked<'a> {
     idle: Lines,
     /// Verified plans that differ, each with its summary.
     known: Vec<(Plan, String)>,
-    warned: Vec<String>,
+    warned: Vec<plan::Warning>,
 }
 
 impl Checked<'_> {
@@ -369,11 +369,10 @@ impl Checked<'_> {
     ) -> Result<String, String> {
         planner.warn_of_subgroups(&mut plan);
         lsp::warn_of_unused(planner, self.graph, &mut plan);
-        let warnings = planner.warnings(&plan, colour());
-        if !warnings.is_empty() && !self.warned.contains(&warnings) {
-            let text = format!("{}\n", warnings.trim_end());
-            warn(Warning::Plan { text, plain: planner.plain_warnings(&plan) });
-            self.warned.push(warnings);
+        let warnings = new_warnings(&plan, &mut self.warned);
+        if !warnings.is_empty() {
+            let text = planner.warnings(&warnings, colour());
+            warn(Warning::Plan { text, plain: planner.plain_warnings(&warnings) });
         }
         // Barriers depend on passes, resources and bindings, not on the code of shaders or on facts.
         if let Some((_, line)) = self.known.iter().find(|(other, _)| is_same(other, &plan)) {

@@ -26,7 +26,7 @@ use splatgraph_api::{BackendError, Device, FrameId, FrameResult, Inspect, Loader
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::{Fallback, Source};
 use splatgraph_framework::lower::Control;
-use splatgraph_framework::plan::Plan;
+use splatgraph_framework::plan::{Plan, Warning};
 use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::shader::Cancel;
 use std::collections::{BTreeMap, BTreeSet};
@@ -130,7 +130,7 @@ pub struct Session {
     set: Vec<(String, String)>,
     planner: Planner,
     /// Warnings of plans that were printed.
-    told_warnings: BTreeSet<String>,
+    told_warnings: Vec<Warning>,
     /// Fallbacks of the last report.
     told: Vec<Fallback>,
     /// Settings without an effect that were reported.
@@ -197,7 +197,7 @@ impl Session {
             pipeline: pipeline.to_owned(),
             set: set.to_vec(),
             planner: Planner::default(),
-            told_warnings: BTreeSet::new(),
+            told_warnings: Vec::new(),
             told: Vec::new(),
             told_settings: BTreeSet::new(),
             loaded: None,
@@ -512,13 +512,8 @@ impl Session {
             Some(plan) => plan.clone(),
             None => self.build(size)?,
         };
-        if !plan.warnings.is_empty() {
-            let warnings = self.planner.warnings(&plan, false);
-            if !self.told_warnings.contains(&warnings) {
-                let _ = std::io::stderr().write_all(warnings.as_bytes());
-                self.told_warnings.insert(warnings);
-            }
-        }
+        let warnings = planner::new_warnings(&plan, &mut self.told_warnings);
+        let _ = std::io::stderr().write_all(self.planner.warnings(&warnings, false).as_bytes());
         if plan.fallbacks != self.told {
             self.told.clone_from(&plan.fallbacks);
             Fallback::lacking(&plan.fallbacks).for_each(say);
