@@ -147,6 +147,25 @@ impl Declared {
         .collect()
     }
 
+    /// Returns true if another include's parameter of the same declaration has the same default: an equal text with
+    /// names that mean the same.
+    fn has_default_of(&self, other: &Declared) -> bool {
+        let kind = self.declaration().kind();
+        let default = |of: &Declared| match &of.default {
+            Some((setting, level)) => (setting.number.clone(), Some(setting.place.span()), *level),
+            None => (kind.default(), None, 0),
+        };
+        let (own, others) = (default(self), default(other));
+        let names = names_in(&own.0, kind);
+        // A `let`, or the variable of a repeat around an include, has its meaning only there.
+        let is_global = |of: &Declared, level: usize| {
+            (level..=of.around.len()).all(|at| !of.unset(at).into_iter().any(|name| names.contains(name)))
+        };
+        own.0 == others.0
+            && (own.1 == others.1 || is_global(self, own.2) && is_global(other, others.2))
+            && self.values_around() == other.values_around()
+    }
+
     pub fn graph(&self) -> &Graph {
         &self.graph
     }
@@ -449,16 +468,18 @@ impl Collect<'_, '_> {
             let mut exposed = Declared { default, part: Some(name.clone()), ..declared.clone() };
             exposed.around.push(around.clone());
             if let Some(first) = found.all.iter().find(|other| other.name == *name_of) {
-                let span = |(setting, _): &(Setting, usize)| setting.place.span();
-                let same_default = first.default.as_ref().map(span) == exposed.default.as_ref().map(span)
-                    && first.values_around() == exposed.values_around();
-                if first.place.key() == declared.place.key() && same_default {
+                let is_shared = first.place.key() == declared.place.key();
+                if is_shared && first.has_default_of(&exposed) {
                     found.exposed.entry(place.id()).or_default().insert(name_of.clone());
                     continue;
                 }
-                let message = format!("this graph already has the parameter `{name_of}`");
-                let error = Diagnostic::new(message, at.span(), "exposed here")
-                    .with_label(first.place.key(), "the first");
+                let (default, span) = match &first.default {
+                    Some((setting, _)) if is_shared => (" with another default", setting.place.span()),
+                    _ if is_shared => (" with another default", first.place.key()),
+                    _ => ("", first.place.key()),
+                };
+                let message = format!("this graph already has the parameter `{name_of}`{default}");
+                let error = Diagnostic::new(message, at.span(), "exposed here").with_label(span, "the first");
                 let help = format!(
                     "rename the first; or, if both mean the same, give this one its value, and do not expose it: \
                      `set: {{ \"{name_of}\": \"{name_of}\" }}`"

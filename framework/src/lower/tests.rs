@@ -213,6 +213,30 @@ fn a_parameter_that_two_includes_share_has_one_default() {
 }
 
 #[test]
+fn includes_with_equal_defaults_share_a_parameter() {
+    let part = r#"Graph(version: 1, summary: "", passes: [], params: {"q": Const(Int(default: 2, range: (1, 99)))})"#;
+    let shared = |first: &str, second: &str| {
+        let include = |name: &str, set: &str| {
+            format!(r#"Include(graph: "part", name: "{name}", set: {{{set}}}, expose: Only(["q"])),"#)
+        };
+        let maker = r#"Include(graph: "maker", name: "maker", expose: All),"#;
+        let repeat = format!(r#"Repeat(var: "i", count: 1, body: [{}]),"#, include("two", second));
+        let whole = including(&format!("{maker} {} {repeat}", include("one", first)));
+        try_plan_of(&[("graph.ron", &whole), ("maker.ron", MAKER), ("part.ron", part)], &[])
+    };
+    for (first, second) in
+        [(r#""q": 3"#, r#""q": 3"#), (r#""q": "2 * width""#, r#""q": "2 * width""#), ("", r#""q": 2"#)]
+    {
+        let plan = shared(first, second).unwrap_or_else(|error| panic!("{first}, {second}: {error}"));
+        assert_eq!(plan.params.iter().filter(|param| param.name == "q").count(), 1);
+    }
+    for (first, second) in [(r#""q": 3"#, r#""q": 4"#), ("", r#""q": 3"#)] {
+        let refused = shared(first, second).map(drop).unwrap_err();
+        assert!(refused.contains("already has the parameter `q` with another default"), "{refused}");
+    }
+}
+
+#[test]
 fn a_parameter_that_chooses_a_resource_of_a_part_decides_for_its_readers() {
     let include = r#"Include(graph: "maker", name: "maker", set: {"size": 64}, expose: All),"#;
     let plan = plan_of_parts(include, &[]).unwrap_or_else(|e| panic!("{e}"));
