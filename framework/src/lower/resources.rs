@@ -346,11 +346,20 @@ impl Lowering<'_> {
         match self.part(handle, *part) {
             Some(Handle::Plain(ids)) => Ok(Some(ids)),
             Some(Handle::PingPong(index)) => Ok(Some(vec![self.ping_pongs[index].in_front()])),
-            None if *part == Part::PreviousFrame => Err(Diagnostic::new(
-                format!("`{name}` has no history"),
-                span,
-                "declared without `history: true`",
-            )),
+            None if *part == Part::PreviousFrame => {
+                let is_half = |history: &History| match (handle, &history.of) {
+                    (Handle::Plain(ids), Handle::PingPong(of)) => {
+                        self.ping_pongs[*of].halves.contains(&ids[0])
+                    }
+                    _ => false,
+                };
+                let is_port = level.graph.ports.contains_key(name);
+                let label = match is_port && self.histories.iter().any(is_half) {
+                    true => "this port takes the front half only: declare it with `ping_pong: true`",
+                    false => "declared without `history: true`",
+                };
+                Err(Diagnostic::new(format!("`{name}` has no history"), span, label))
+            }
             None => Err(Diagnostic::new(
                 format!("`{name}` has no front and back"),
                 span,
@@ -365,7 +374,8 @@ impl Lowering<'_> {
         let Catalog { attributes, uniforms, buffers } = self.request.catalog;
         if attributes.contains_key(name) || uniforms.contains_key(name) || buffers.contains_key(name) {
             let last = name.rsplit('.').next().unwrap_or(name);
-            return error.with_help(format!("import it: `imports: {{ \"{last}\": (from: \"{name}\") }}`"));
+            return error
+                .with_help(format!("import it: `imports: {{ \"{last}\": Import(from: \"{name}\") }}`"));
         }
         let include = name.split_once('.').map(|(include, _)| include);
         let here = self.lowered.includes.iter().filter(|known| known.parent == level.include);
