@@ -175,11 +175,15 @@ impl Workspace {
                 let catalog = files::nominal_catalog();
                 for (name, attribute) in &catalog.attributes {
                     let about =
-                        format!("{} planes of {} bytes per splat", attribute.planes, attribute.stride);
+                        format!("{} planes of {} bytes per element", attribute.planes, attribute.stride);
                     offer(name, CompletionItemKind::VARIABLE, about);
                 }
                 for (name, bytes) in &catalog.uniforms {
                     offer(name, CompletionItemKind::VARIABLE, format!("a uniform block of {bytes} bytes"));
+                }
+                for (name, buffer) in &catalog.buffers {
+                    let about = format!("a buffer of {} bytes per element", buffer.stride);
+                    offer(name, CompletionItemKind::VARIABLE, about);
                 }
             }
             Meaning::Graph => {

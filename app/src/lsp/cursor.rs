@@ -203,6 +203,7 @@ fn end_of_text(text: &str, start: usize, offset: Option<usize>) -> usize {
 fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
     let Some((group, around)) = around.split_first() else { return Meaning::Free };
     let graph = |include: &&Group| include.value("graph").map(str::to_owned);
+    let is_in = |map: &str| around.first().is_some_and(|group| group.is_map && group.lead == map);
     match (key, group.lead.as_str()) {
         (None, "bind") if group.is_map => {
             Meaning::Block { shaders: around.first().map(|pass| shaders(pass)).unwrap_or_default() }
@@ -225,11 +226,11 @@ fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
         (Some("fragment"), _) => Meaning::Shader { extension: "frag" },
         (Some("graph"), _) => Meaning::Graph,
         (Some("format"), _) => Meaning::Format,
-        (Some("from"), _) if group.name == "Import" => Meaning::Import,
+        (Some("from"), _) if group.name == "Import" || is_in("imports") => Meaning::Import,
         (Some("name" | "phase" | "summary" | "label" | "help" | "var" | "grows" | "of"), _) => Meaning::Free,
         (None, _) if matches!(group.name.as_str(), "Swap" | "Indirect") => Meaning::Resource,
         // The buffer of a statistic.
-        (None, _) if around.first().is_some_and(|map| map.is_map && map.lead == "stats") => Meaning::Resource,
+        (None, _) if is_in("stats") => Meaning::Resource,
         (None, "of" | "expose") => Meaning::Free,
         _ => Meaning::Expression,
     }
@@ -302,6 +303,7 @@ mod tests {
             ("Dispatch(size: Indirect(\"ar|".into(), Some(Meaning::Resource)),
             ("stats: { \"seen\": (\"ar|".into(), Some(Meaning::Resource)),
             ("imports: { \"p\": Import(from: \"sc|".into(), Some(Meaning::Import)),
+            ("imports: { \"p\": (from: \"sc|".into(), Some(Meaning::Import)),
             ("resources: { \"p\": Image(format: \"|".into(), Some(Meaning::Format)),
             ("Include(graph: \"parts/|".into(), Some(Meaning::Graph)),
             ("Include(graph: \"a\", set: { \"n\": 1, \"w|".into(), parameter("a")),

@@ -19,6 +19,9 @@ fn blocks_resources_names_and_formats_are_offered_where_each_can_stand() {
     for name in ["width", "words", "scene.count", "viewport.width", "device.subgroup_size"] {
         assert!(names.iter().any(|other| other == name), "{name} is not in {names:?}");
     }
+    let imports = offered("resources:", "imports: { \"import\": (from: \"|\") }, resources:");
+    assert!(imports.iter().any(|name| name == "scene.position"), "{imports:?}");
+    assert!(files::nominal_catalog().buffers.keys().all(|name| imports.contains(name)), "{imports:?}");
     assert_eq!(offered("rgba8", "|")[..2], ["depth32f", "r32f"]);
     let shaders = offered("show.comp", "|");
     assert!(shaders.iter().any(|s| s == "show.comp") && shaders.iter().any(|s| s == "sort/scatter.comp"));
