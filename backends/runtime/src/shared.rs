@@ -8,6 +8,7 @@ use crate::pipelines::Compilers;
 use crate::results::Results;
 use crate::watch::Watch;
 use splatgraph_api::BackendError;
+use std::mem;
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
@@ -43,9 +44,7 @@ impl<G: Gpu> Shared<G> {
     }
 
     pub fn drop_abandoned(&self) {
-        if !lock(&self.abandoned).is_empty() && self.gpu.wait_idle(Duration::ZERO) {
-            lock(&self.abandoned).clear();
-        }
+        drop_if_idle(&self.abandoned, || self.gpu.wait_idle(Duration::ZERO));
     }
 
     pub fn check_lost(&self) -> Result<(), BackendError> {
@@ -67,13 +66,41 @@ impl<G: Gpu> Shared<G> {
     }
 }
 
+/// Drops the objects if `is_idle` returns true. Objects that are abandoned meanwhile stay: the device may still use
+/// them.
+fn drop_if_idle(abandoned: &Mutex<Vec<Box<dyn Send>>>, is_idle: impl FnOnce() -> bool) {
+    let before = mem::take(&mut *lock(abandoned));
+    if !before.is_empty() && !is_idle() {
+        lock(abandoned).extend(before);
+    }
+}
+
 impl<G: Gpu> Drop for Shared<G> {
     fn drop(&mut self) {
         self.drop_abandoned();
-        let abandoned = std::mem::take(&mut *lock(&self.abandoned));
+        let abandoned = mem::take(&mut *lock(&self.abandoned));
         if !abandoned.is_empty() {
             // Leaks both, so the device is never closed.
             Box::leak(Box::new((abandoned, self.gpu.clone())));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_object_that_is_abandoned_during_the_wait_for_the_device_stays() {
+        let [before, during] = [Arc::new(()), Arc::new(())];
+        let abandoned: Mutex<Vec<Box<dyn Send>>> = Mutex::new(vec![Box::new(before.clone())]);
+        let held = || (Arc::strong_count(&before) - 1, Arc::strong_count(&during) - 1);
+        drop_if_idle(&abandoned, || false);
+        assert_eq!(held(), (1, 0), "the device is busy");
+        drop_if_idle(&abandoned, || {
+            lock(&abandoned).push(Box::new(during.clone()));
+            true
+        });
+        assert_eq!(held(), (0, 1));
     }
 }
