@@ -1,6 +1,6 @@
 //! Determines the uses for which buffers and images are created, and lists those that a pass makes of them.
 
-use splatgraph_framework::ir::{Groups, Pass, ResourceId, Shape, Source, Usage, Work};
+use splatgraph_framework::ir::{Pass, ResourceId, Shape, Source, Usage, Work};
 use splatgraph_framework::plan::Resource;
 
 /// Returns the uses with which a resource's buffer or image is created. They always include copies from it, so that any
@@ -29,8 +29,8 @@ pub(crate) fn touched(pass: &Pass) -> impl Iterator<Item = (ResourceId, bool)> +
     let own = match pass.work {
         Work::Fill { buffer, .. } => Some((buffer, true)),
         Work::ClearHistory { resource } => Some((resource, true)),
-        Work::Dispatch { groups: Groups::Indirect { buffer, .. }, .. } => Some((buffer, false)),
-        _ => None,
+        // All other accesses are in `uses`.
+        Work::Dispatch { .. } | Work::Draw { .. } | Work::Export | Work::Host => None,
     };
     uses.chain(bound).chain(own)
 }

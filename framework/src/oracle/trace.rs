@@ -236,9 +236,17 @@ fn ranges(plan: &Plan, work: &Work, touch: &Use, access: Accesses) -> Vec<Range<
         {
             vec![words(0, plan.stats.len() as u64)]
         }
-        _ => vec![],
+        (
+            Work::Dispatch { .. }
+            | Work::Draw { .. }
+            | Work::Fill { .. }
+            | Work::ClearHistory { .. }
+            | Work::Export
+            | Work::Host,
+            _,
+        ) => vec![],
     };
-    // Without statistics, the exported resource is an output, which is exported whole.
+    // All other accesses are of the whole resource.
     if narrow.is_empty() { vec![whole] } else { narrow }
 }
 

@@ -114,9 +114,13 @@ fn part(plan: &Plan, pass: &Pass, touch: &Use) -> Option<Vec<Range<u64>>> {
         Work::Export => {
             let words = plan.stats.iter().filter(|stat| stat.buffer == touch.resource);
             let words: Vec<_> = words.map(|stat| stat.offset..stat.offset + 4).collect();
-            // Without statistics, the resource is an output, which is exported whole.
+            // The readback buffer and the outputs have no statistics: they are used whole.
             (!words.is_empty()).then_some(words)
         }
-        _ => None,
+        Work::Dispatch { groups: Groups::Direct(_), .. }
+        | Work::Draw { call: DrawCall::Direct { .. }, .. }
+        | Work::Fill { .. }
+        | Work::ClearHistory { .. }
+        | Work::Host => None,
     }
 }
