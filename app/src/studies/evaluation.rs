@@ -121,14 +121,13 @@ impl Mean {
         self.psnr_db == Some(f64::INFINITY) && self.pooled_psnr_db.is_some_and(f64::is_finite)
     }
 
-    /// Formats the row of a table for [`Mean::pooled_psnr_db`], with `columns` of other scores. `None` unless the mean
-    /// of the decibels hides the errors.
+    /// Formats the row of a table for [`Mean::pooled_psnr_db`], which has `columns` columns. `None` unless the mean of
+    /// the decibels hides the errors.
     pub fn pooled_row(&self, columns: usize) -> Option<Vec<String>> {
-        let psnr = text::number(self.pooled_psnr_db, 2);
-        let row = |others| {
-            [vec!["pooled".into(), psnr], others, vec!["PSNR of the mean squared error".into()]].concat()
-        };
-        self.needs_pooled().then(|| row(vec![String::new(); columns]))
+        let mut row = vec!["pooled".into(), text::number(self.pooled_psnr_db, 2)];
+        row.resize(columns - 1, String::new());
+        row.push("PSNR of the mean squared error".into());
+        self.needs_pooled().then_some(row)
     }
 }
 
@@ -181,10 +180,8 @@ impl Evaluation {
             (views, missing) => format!("{views} of {} views", views + missing),
         };
         let mean = row("mean", psnr_db, ssim, flip, views);
-        text::table(
-            ["view", "PSNR dB", "SSIM", "FLIP", "size"],
-            rows.chain([mean]).chain(self.mean.pooled_row(2)),
-        )
+        let head = ["view", "PSNR dB", "SSIM", "FLIP", "size"];
+        text::table(head, rows.chain([mean]).chain(self.mean.pooled_row(head.len())))
     }
 }
 

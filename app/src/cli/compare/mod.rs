@@ -482,7 +482,7 @@ fn table(pairs: &[&Pair], found: &[Found], worst: usize, missing: usize) -> Stri
         },
     );
     let mean = vec!["mean".into(), psnr, ssim, flip, flip_8_bits, String::new(), count];
-    text::table(head, rows.chain([mean]).chain(of_values.pooled_row(4)))
+    text::table(head, rows.chain([mean]).chain(of_values.pooled_row(head.len())))
         + &format!("worst: {}, {}", one_line(&pairs[worst].name), sentence(&found[worst]))
 }
 
