@@ -247,7 +247,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if args.cameras.is_none() && views.is_some() && !is_standard_output(output) {
         let path = output.with_extension("cameras.json");
         let path = shell_word(&path.to_string_lossy());
-        note(format!("its cameras, which other commands find beside it: add --cameras {path}"));
+        note(format!("to write its cameras, too, where other commands find them, add --cameras {path}"));
     }
     if let (Some(path), Some(views)) = (&args.cameras, views) {
         options::write_cameras(path, &views, &scene)?;
