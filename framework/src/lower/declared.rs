@@ -473,16 +473,20 @@ impl Collect<'_, '_> {
                     found.exposed.entry(place.id()).or_default().insert(name_of.clone());
                     continue;
                 }
-                let (default, span) = match &first.default {
-                    Some((setting, _)) if is_shared => (" with another default", setting.place.span()),
-                    _ if is_shared => (" with another default", first.place.key()),
-                    _ => ("", first.place.key()),
+                let (default, remedy) = match is_shared {
+                    true => (
+                        " with another default",
+                        "give both the same default; or give this one the first one's",
+                    ),
+                    false => ("", "rename the first; or, if both mean the same, give this one its"),
                 };
+                let span =
+                    first.default.as_ref().filter(|_| is_shared).map(|(setting, _)| setting.place.span());
+                let span = span.unwrap_or_else(|| first.place.key());
                 let message = format!("this graph already has the parameter `{name_of}`{default}");
                 let error = Diagnostic::new(message, at.span(), "exposed here").with_label(span, "the first");
                 let help = format!(
-                    "rename the first; or, if both mean the same, give this one its value, and do not expose it: \
-                     `set: {{ \"{name_of}\": \"{name_of}\" }}`"
+                    "{remedy} value, and do not expose it: `set: {{ \"{name_of}\": \"{name_of}\" }}`"
                 );
                 return Err(vec![error.with_help(help)]);
             }
