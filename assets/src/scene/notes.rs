@@ -105,7 +105,7 @@ pub struct FileNotes {
     /// Number of cameras in the glTF file of the splats. They are read only as cameras.
     #[serde(skip_serializing_if = "is_zero")]
     pub cameras: u64,
-    /// Number of primitives of splats that are hidden in their glTF file or not in its default scene. They are not read.
+    /// Number of primitives of splats that are hidden in their glTF file or outside its default scene, and not read.
     #[serde(skip_serializing_if = "is_zero")]
     pub splats_elsewhere: u64,
     /// Tags in which merged scenes differ.
