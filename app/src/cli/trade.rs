@@ -42,11 +42,12 @@ use std::path::{Path, PathBuf};
 /// the mean squared error over all pixels of all views, where `evaluate` and `convert --price` print the mean of the
 /// views' PSNR, and over the pixels that a splat covers; the lowest SSIM; the mean of NVIDIA's FLIP (0 for equal
 /// pictures); the largest difference of a channel; the share of pixels that are off by more than 1/255; pairs of
-/// visible splats in the wrong order; and memory on the device. A `*` marks the Pareto front: every setting that is at
-/// least as accurate takes at least 2 % longer, beyond the noise. The noise is at least the difference of the exact
-/// settings from themselves. A `?` marks settings that may be on the front, but are too noisy to tell. A graph that
-/// draws from the previous frame is not judged. Its picture is the second frame of the still view: its state begins
-/// anew in each view and setting. The error of a moving camera is not in it, and an average has not converged.
+/// visible splats in the wrong order; and memory on the device. A `*` marks the Pareto front, the fastest setting of each
+/// accuracy: every more accurate one on the front takes at least 2 % longer, beyond the noise. The noise is at least the
+/// difference of the exact settings from themselves. A `?` marks settings that may be on the front, but are too noisy
+/// to tell. A graph that draws from the previous frame is not judged. Its picture is the second frame of the still
+/// view: its state begins anew in each view and setting. The error of a moving camera is not in it, and an average has
+/// not converged.
 ///
 /// An interrupted run resumes. A folder whose rows depend on other inputs is refused: on another scene, graph or option
 /// of the device, on other cameras or pictures of --truth, or on other --rounds or --frames. Rows of another program or

@@ -148,15 +148,15 @@ pub fn enough(turns: &[f64], views: usize) -> bool {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mark {
-    /// On the Pareto front: this setting saves at least [`MIN_SAVING`] over every other that is at least as accurate.
+    /// On the Pareto front: this setting saves at least [`MIN_SAVING`] over every more accurate one on the front.
     ///
-    /// Over a later setting of equal accuracy it need not save time, if that one does not save as much either.
+    /// No equally accurate setting saves as much over it.
     Best,
     /// On the front by the medians, but within the noise.
     Likely,
     /// Not on the front by the medians, but within the noise.
     Unlikely,
-    /// Not on the front: it does not save [`MIN_SAVING`] over another setting that is at least as accurate.
+    /// Not on the front: it does not save [`MIN_SAVING`] over a setting on the front that is at least as accurate.
     Beaten,
     /// Not judged: still pictures do not show the setting's error.
     Hidden,
@@ -164,7 +164,9 @@ pub enum Mark {
 
 /// Time and accuracy of a setting.
 #[derive(Clone, Copy, Debug)]
-pub struct Point {
+pub struct Point<'a> {
+    /// Name of the setting. Of points with equal medians, the first by name is on the front.
+    pub name: &'a str,
     /// Share of the exact settings' time, widened to the floor; `None` without timestamps.
     pub share: Option<Share>,
     /// PSNR in decibels; infinite for equal pictures.
@@ -173,49 +175,60 @@ pub struct Point {
     pub hidden: bool,
 }
 
-/// Returns the mark of each point on the Pareto front of time and PSNR. Of equal points, the first is on the front.
+/// Returns the mark of each point on the Pareto front of time and PSNR. The order of the points does not matter.
 ///
-/// PSNRs that differ by less than `EQUAL_DB` count as equal. Without times, only PSNR counts.
+/// The front is built from the most to the least accurate point. PSNRs that are within `EQUAL_DB` of the highest one
+/// left count as equal to it, and of equally accurate points, the fastest comes first. A point joins the front if it
+/// saves [`MIN_SAVING`] over each point already on it. Points that are not on the front beat no other: otherwise, of
+/// three points that save 1.3 % over one another, each would be beaten. Without times, only PSNR counts.
 pub fn front(points: &[Point]) -> Vec<Mark> {
-    let faster = |a: &Point, b: &Point| match (a.share, b.share) {
+    let faster = |a: usize, b: usize| match (points[a].share, points[b].share) {
         (Some(a), Some(b)) => a.faster(&b),
         _ => Some(false),
     };
-    let seems_faster = |a: &Point, b: &Point| match (a.share, b.share) {
-        (Some(a), Some(b)) => a.median < (1.0 - MIN_SAVING) * b.median,
-        _ => false,
+    let time = |at: usize| points[at].share.map_or(f64::INFINITY, |share| share.median);
+    // Slower than a point that comes earlier, which is on the front, or is beaten by one that beats this, too.
+    let is_slower = |a: usize, b: usize| {
+        let ranges = points[a].share.zip(points[b].share).and_then(|(a, b)| a.range.zip(b.range));
+        ranges.is_some_and(|((low, _), (_, high))| low >= high)
     };
     let equal = |a: f64, b: f64| a == b || (a - b).abs() < EQUAL_DB;
-    let mark = |(at, point): (usize, &Point)| {
-        if point.hidden {
-            return Mark::Hidden;
+    let psnr_db = |at: usize| points[at].psnr_db;
+    let mut order: Vec<usize> = (0..points.len()).filter(|at| !points[*at].hidden).collect();
+    order.sort_by(|a, b| psnr_db(*b).total_cmp(&psnr_db(*a)));
+    // For each point, the highest of the PSNRs that count as equal.
+    let (mut levels, mut level) = (vec![f64::NAN; points.len()], f64::NAN);
+    for &at in &order {
+        if !equal(level, psnr_db(at)) {
+            level = psnr_db(at);
         }
-        let (mut told, mut seems) = (true, true);
-        for (other_at, other) in points.iter().enumerate() {
-            let as_accurate = equal(other.psnr_db, point.psnr_db);
-            if other_at == at || other.hidden || (other.psnr_db < point.psnr_db && !as_accurate) {
-                continue;
-            }
-            let later_equal = as_accurate && at < other_at;
-            let (beats, seems_beaten) = match later_equal {
-                // Of equally accurate points, the first need not be faster than the later one, only not slower.
-                true => (faster(other, point).map(|slower| !slower), seems_faster(other, point)),
-                false => (faster(point, other), !seems_faster(point, other)),
-            };
-            match beats {
-                Some(false) => return Mark::Beaten,
-                Some(true) => {}
-                None => told = false,
-            }
-            seems &= !seems_beaten;
-        }
-        match (told, seems) {
-            (true, _) => Mark::Best,
-            (false, true) => Mark::Likely,
-            (false, false) => Mark::Unlikely,
-        }
-    };
-    points.iter().enumerate().map(mark).collect()
+        levels[at] = level;
+    }
+    let by_name = |a: usize, b: usize| points[a].name.cmp(points[b].name);
+    order.sort_by(|&a, &b| {
+        levels[b].total_cmp(&levels[a]).then(time(a).total_cmp(&time(b))).then(by_name(a, b))
+    });
+    let mut marks = vec![Mark::Hidden; points.len()];
+    // The front by the medians.
+    let mut seeming: Vec<usize> = Vec::new();
+    for (place, &at) in order.iter().enumerate() {
+        let (earlier, later) = (&order[..place], &order[place + 1..]);
+        let beats = |other: usize| marks[other] == Mark::Best && faster(at, other) == Some(false);
+        let beaten = earlier.iter().any(|other| is_slower(at, *other) || beats(*other));
+        let mut equals = later.iter().take_while(|other| levels[**other] == levels[at]);
+        let told =
+            earlier.iter().all(|other| marks[*other] == Mark::Beaten || faster(at, *other) == Some(true))
+                && equals.all(|other| faster(*other, at) == Some(false));
+        let seems = seeming.iter().all(|other| time(at) < (1.0 - MIN_SAVING) * time(*other));
+        marks[at] = match (beaten, told, seems) {
+            (true, ..) => Mark::Beaten,
+            (_, true, _) => Mark::Best,
+            (_, false, true) => Mark::Likely,
+            (_, false, false) => Mark::Unlikely,
+        };
+        seeming.extend(seems.then_some(at));
+    }
+    marks
 }
 
 #[cfg(test)]
@@ -227,8 +240,8 @@ mod tests {
         Some(Share { median, range: Some((median - half, median + half)) })
     }
 
-    fn point(share: Option<Share>, psnr_db: f64) -> Point {
-        Point { share, psnr_db, hidden: false }
+    fn point(share: Option<Share>, psnr_db: f64) -> Point<'static> {
+        Point { name: "other", share, psnr_db, hidden: false }
     }
 
     #[test]
@@ -280,7 +293,7 @@ mod tests {
 
     #[test]
     fn the_front_holds_what_is_faster_for_sure_and_noise_is_told() {
-        let exact = point(Some(Share::EXACT), 100.0);
+        let exact = Point { name: "exact", ..point(Some(Share::EXACT), 100.0) };
         let marks = |others: &[Point]| front(&[&[exact], others].concat())[1..].to_vec();
         assert_eq!(front(&[exact]), [Mark::Best]);
         assert_eq!(marks(&[point(share(0.8, 0.02), 60.0)]), [Mark::Best]);
@@ -290,7 +303,7 @@ mod tests {
         assert_eq!(
             marks(&[point(share(1.0, 0.015), 100.0)]),
             [Mark::Beaten],
-            "the first of equals is on the front"
+            "of equals, the first by name is on the front"
         );
         // 0.795 saves less than `MIN_SAVING` compared with 0.8, and is less accurate.
         let close = [point(share(0.8, 0.003), 60.0), point(share(0.795, 0.003), 50.0)];
@@ -308,6 +321,30 @@ mod tests {
         assert_eq!(
             front(&[point(None, 50.0), point(None, 60.0), point(None, 60.0)]),
             [Mark::Beaten, Mark::Best, Mark::Beaten]
+        );
+    }
+
+    #[test]
+    fn the_fastest_of_the_most_accurate_is_on_the_front_in_any_order() {
+        let timed = |median| point(share(median, 0.001), 100.0);
+        let [exact, second, fastest] = [1.0, 0.987, 0.975].map(timed);
+        for (points, at) in [
+            ([exact, second, fastest], 2),
+            ([exact, fastest, second], 1),
+            ([second, exact, fastest], 2),
+            ([second, fastest, exact], 1),
+            ([fastest, exact, second], 0),
+            ([fastest, second, exact], 0),
+        ] {
+            let mut expected = [Mark::Beaten; 3];
+            expected[at] = Mark::Best;
+            assert_eq!(front(&points), expected);
+        }
+        // Too noisy to tell which is the fastest; a third setting is slower than both.
+        let [a, b] = [1.0, 1.01].map(|median| point(share(median, 0.02), 100.0));
+        assert_eq!(
+            front(&[a, b, point(share(1.2, 0.01), 60.0)]),
+            [Mark::Likely, Mark::Unlikely, Mark::Beaten]
         );
     }
 

@@ -13,7 +13,8 @@ pub(super) const COLUMNS: [(&str, &str); 13] = [
     (
         "setting",
         "`exact` has every parameter at its exact value; `NAME = VALUE` is one parameter away from it; `defaults` are the graph's. \
-         `*` marks the Pareto front: every setting that is at least as accurate takes 2 % longer or more, beyond the noise. `?`: it may be on the front",
+         `*` marks the Pareto front, the fastest setting of each accuracy: every more accurate one on the front takes 2 % longer or more, beyond the noise. \
+         `?`: it may be on the front",
     ),
     (
         "GPU ms",

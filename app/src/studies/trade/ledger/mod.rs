@@ -424,14 +424,15 @@ fn mark(lines: &mut [Line]) {
     for line in lines.iter_mut() {
         line.share = line.share.map(|share| share.widened(floor));
     }
-    let point = |line: &Line| Point {
+    let points = lines.iter().map(|line| Point {
+        name: &line.setting,
         // The exact settings' share is 1 by definition. Their measured share only gives the noise floor.
         share: if line.setting == EXACT { line.share.map(|_| Share::EXACT) } else { line.share },
         psnr_db: line.psnr_db,
         hidden: line.mark == Mark::Hidden,
-    };
-    let points: Vec<Point> = lines.iter().map(point).collect();
-    for (line, mark) in lines.iter_mut().zip(noise::front(&points)) {
+    });
+    let marks = noise::front(&points.collect::<Vec<_>>());
+    for (line, mark) in lines.iter_mut().zip(marks) {
         line.mark = mark;
     }
 }
