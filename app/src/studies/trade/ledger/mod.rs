@@ -142,11 +142,18 @@ pub fn replaceable(path: &Path) -> Result<BTreeSet<String>, StudyError> {
             Some(_) => return Ok(None),
         }
         let json: Json = serde_json::from_reader(file).unwrap_or_default();
-        let setting = |row: &Json| row["setting"].as_str().map(str::to_owned);
-        let rows = json["rows"].as_array().filter(|_| json["origin"].is_object());
-        let same = json["same_plan"].as_object().into_iter().flat_map(|same| same.values());
-        let same = same.filter_map(Json::as_array).flatten().filter_map(Json::as_str).map(str::to_owned);
-        Ok(rows.map(|rows| rows.iter().filter_map(setting).chain(same).collect()))
+        let Some(rows) = json["rows"].as_array().filter(|_| json["origin"].is_object()) else {
+            return Ok(None);
+        };
+        let text = |json: &Json| json.as_str().map(str::to_owned);
+        let mut settings: BTreeSet<String> = rows.iter().filter_map(|row| text(&row["setting"])).collect();
+        // An interrupted run also lists settings whose plans equal one that it had yet to measure.
+        let same = json["same_plan"].as_object().into_iter().flatten();
+        let same = same.filter(|(setting, _)| settings.contains(*setting));
+        let same = same.filter_map(|(_, others)| others.as_array()).flatten();
+        let same: Vec<String> = same.filter_map(text).collect();
+        settings.extend(same);
+        Ok(Some(settings))
     };
     match settings() {
         Ok(Some(settings)) => return Ok(settings),

@@ -148,6 +148,8 @@ fn settings_with_equal_plans_and_views_without_rows_are_listed() {
         (&lines[0].same_plan[..], &lines[1].same_plan[..]),
         (&[][..], &["one".into(), "two".into()][..])
     );
+    // The run was interrupted before `slow`.
+    found.add_same_plan(SamePlan::from([("slow".into(), ["unasked".to_owned()].into())]));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("ledger.json");
     found.save(&path).unwrap();
@@ -155,7 +157,9 @@ fn settings_with_equal_plans_and_views_without_rows_are_listed() {
     assert_eq!((&json["missing"], &json["same_plan"]["fast"][2]), (&serde_json::json!(["b"]), &"two".into()));
     assert_eq!(replaceable(&path).unwrap(), ["exact", "fast", "one", "two"].map(str::to_owned).into());
     let open = |plans: &[_]| Book::open(Some(path.clone()), found.origin.clone(), plans).unwrap().0.ledger;
-    assert_eq!(open(&[]), found);
+    let mut with_rows = found.clone();
+    with_rows.same_plan.remove("slow");
+    assert_eq!(open(&[]), with_rows);
     // A caller with plans finds the equal ones by itself: the file of a preset may have been edited.
     assert!(open(&[("exact", Some(1))]).same_plan.is_empty());
     assert!(
