@@ -67,6 +67,31 @@ fn a_sweep_holds_every_choice_against_the_truth_and_writes_what_it_found() {
 }
 
 #[test]
+fn the_nearest_splats_are_compared_with_all_splats_of_their_own_plan() {
+    let place = Place::new();
+    let table = place.done(&format!("{SHORT} -p tiled --set sorted=pairs -o out"));
+    let swept = place.json("out/sweep.json");
+    let steps = swept["steps"].as_array().expect("steps");
+    let phases = |step: &Value| -> Vec<String> {
+        step["time"]["phases"].as_object().expect("phases").keys().cloned().collect()
+    };
+    let nearest: Vec<&Value> = steps.iter().filter(|step| step["choice"] == "nearest").collect();
+    let counts: Vec<&Value> = nearest.iter().map(|step| &step["count"]).collect();
+    assert_eq!(json!(counts), json!([200, 100, 50]));
+    assert!(nearest.iter().all(|step| phases(step) == phases(nearest[0])), "{swept}");
+    assert!(phases(nearest[0]) != phases(&steps[0]), "{swept}");
+    // The baseline of a curve is its first step.
+    let exact_ms = |step: &Value| step["time"]["exact_ms"].as_f64().expect("a time");
+    assert!(nearest.iter().all(|step| exact_ms(step) == exact_ms(nearest[0])), "{swept}");
+    let row = table.lines().find(|line| line.starts_with("nearest")).expect("a row");
+    assert!(
+        row.contains(&format!(" {:.3} ", nearest[0]["time"]["gpu_ms"].as_f64().expect("a time"))),
+        "{table}"
+    );
+    assert_eq!(place.text("out/sweep.html").matches("<img").count(), 4 * 3);
+}
+
+#[test]
 fn a_part_of_a_scene_is_drawn_by_the_rules_of_the_whole() {
     let place = Place::empty();
     // The second half is invisible, so the first half of the file looks like the whole.

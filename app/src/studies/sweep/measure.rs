@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 /// The measurements of one step of the sweep in one view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Step {
-    /// The criterion by which the splats are chosen; `None` if all are drawn.
+    /// The criterion by which the splats are chosen; `None` if all are drawn. [`Choice::Nearest`] also has a step with
+    /// all splats if its plan is not that of the others.
     pub choice: Option<Choice>,
     /// The camera's name.
     pub camera: String,

@@ -82,9 +82,9 @@ impl SweepResult {
 
     /// Returns a choice's measurements, from the fewest splats to all; empty if it was not measured.
     fn means(&self, choice: Choice) -> Vec<Mean> {
-        let of = |step: &&Step| step.choice.is_none_or(|own| own == choice);
+        let of = |step: &&Step| self.has(choice, step.choice);
         let counts: BTreeSet<u32> = self.steps.iter().filter(of).map(|step| step.count).collect();
-        // A step with all splats belongs to every choice, so it does not show that this one was measured.
+        // The shared step with all splats does not show that this choice was measured.
         if !self.steps.iter().any(|step| step.choice == Some(choice)) {
             return Vec::new();
         }
@@ -99,6 +99,14 @@ impl SweepResult {
             }
         };
         counts.into_iter().map(of_count).collect()
+    }
+
+    /// Returns true if a step of `other` belongs to a choice. The step with all splats belongs to every choice that has
+    /// no own one.
+    fn has(&self, choice: Choice, other: Option<Choice>) -> bool {
+        let all = self.origin.provenance.splats;
+        let has_own = || self.steps.iter().any(|step| step.choice == Some(choice) && step.count == all);
+        other.map_or_else(|| !has_own(), |other| other == choice)
     }
 
     fn plot(&self, title: &str, x: Axis, y: Axis, point: impl Fn(&Mean) -> Option<(f64, f64)>) -> Plot {
@@ -306,7 +314,7 @@ impl SweepResult {
             page.text(
                 "`nearest, after the sort` draws the nearest of the visible splats, the same share of them as the others draw \
                  of all: fewer where some are outside of the view. It saves no work before the sort, which here sorts splats \
-                 rather than pairs of a splat and a bin.",
+                 rather than pairs of a splat and a bin, also with all splats.",
             );
         }
         self.note().iter().for_each(|note| page.text(&format!("{note}.")));
@@ -351,7 +359,7 @@ impl SweepResult {
         }
         page.heading("Pictures of the first view");
         for choice in Choice::ALL {
-            let own = |shown: &&Shown| shown.choice.is_none_or(|own| own == choice);
+            let own = |shown: &&Shown| self.has(choice, shown.choice);
             if !shown.iter().any(|shown| shown.choice == Some(choice)) {
                 continue;
             }

@@ -4,7 +4,7 @@ use super::approach::{self, Closer};
 use super::choice::{BUDGET, Choice, for_nearest, ranking};
 use super::measure::{Step, counts};
 use super::page::{Origin, Shown, SweepResult};
-use crate::draw::interleaved::Frames;
+use crate::draw::interleaved::{self, Frames};
 use crate::draw::session::Session;
 use crate::studies::measurement::time::{Baseline, FRAMES_DIVISOR, Until};
 use crate::studies::measurement::view::{self, Measuring, View};
@@ -108,12 +108,23 @@ impl Study {
         let (mut steps, mut shown): (Vec<Step>, Vec<Shown>) = (Vec::new(), Vec::new());
         let refused = |why: String| StudyError::of(&camera.img_name)(StudyError::Input(why));
         let all = [self.whole.scene().count()];
-        // Frame time with all splats, by which the view's shares are multiplied.
+        // Frame time with all splats, by which the shares are multiplied.
         let mut whole_ms = None;
         let until = Until::narrow(subject.cameras.len());
         for choice in iter::once(None).chain(Choice::ALL.map(Some)) {
             let ranking = choice.and_then(|choice| ranking(self.whole.scene(), camera, choice));
-            let counts = if choice.is_some() { &self.counts[1..] } else { &all[..] };
+            let has_own_plan = choice == Some(Choice::Nearest) && self.nearest_has_own_plan();
+            if has_own_plan {
+                // Otherwise, the shares and the curve would compare two plans.
+                self.whole.set_graph(&wanted.pipeline, &self.with_budget(wanted, all[0]).unwrap_or_default());
+                self.whole.prepare((camera.width, camera.height), &mut |_| {})?;
+                interleaved::frame(&mut self.whole, camera)?;
+                whole_ms = None;
+            }
+            let counts = match choice {
+                None => &all[..],
+                Some(_) => &self.counts[usize::from(!has_own_plan)..],
+            };
             for &count in counts {
                 let session = self.session_with(wanted, choice, ranking.as_deref(), count)?;
                 let Some(mut session) = session else { break };
@@ -123,9 +134,7 @@ impl Study {
                     view::measure(scope, &mut session, whole, &view, effort, until).map(Measuring::finish)
                 });
                 let (found, drawn) = measured?.map_err(refused)?;
-                if choice.is_none() {
-                    whole_ms = found.time.as_ref().map(|time| time.exact_ms);
-                }
+                whole_ms = whole_ms.or(found.time.as_ref().map(|time| time.exact_ms));
                 progress.next(&format!("{}, {count} splats", camera.img_name))?;
                 let number =
                     |name: &str| drawn.counts.iter().find(|(n, _)| n == name).map(|(_, count)| *count);
@@ -143,7 +152,24 @@ impl Study {
                 shown.push(Shown { choice, count, picture: drawn.picture });
             }
         }
+        if self.nearest_has_own_plan() {
+            self.whole.set_graph(&wanted.pipeline, &wanted.set);
+        }
         Ok((steps, shown))
+    }
+
+    /// Returns true if the nearest splats are drawn by another plan than the others, which then needs its own step and
+    /// baseline with all splats.
+    fn nearest_has_own_plan(&self) -> bool {
+        self.nearest.as_ref().is_some_and(|needed| !needed.is_empty())
+    }
+
+    /// Lists the parameters that draw the nearest `count` splats; `None` if the graph has no budget.
+    fn with_budget(&self, wanted: &Wanted, count: u32) -> Option<Vec<(String, String)>> {
+        let share = f64::from(count) / f64::from(self.whole.scene().count());
+        // Later values override earlier ones.
+        let budget = [(BUDGET.to_owned(), share.to_string())];
+        Some([wanted.set.as_slice(), self.nearest.as_ref()?, &budget].concat())
     }
 
     /// Opens a session that draws `count` splats: the first of `ranking`, or the nearest, or all without a criterion.
@@ -166,11 +192,8 @@ impl Study {
                 self.whole.beside_with(part, pipeline, set)?
             }
             (Some(_), None) => {
-                let Some(needed) = &self.nearest else { return Ok(None) };
-                let share = f64::from(count) / f64::from(self.whole.scene().count());
-                // Later values override earlier ones.
-                let budget = [(BUDGET.to_owned(), share.to_string())];
-                self.whole.beside(pipeline, &[set.as_slice(), needed, &budget].concat())?
+                let Some(set) = self.with_budget(wanted, count) else { return Ok(None) };
+                self.whole.beside(pipeline, &set)?
             }
         }))
     }
@@ -214,7 +237,8 @@ impl Study {
 
     /// Creates the step counter of the whole study, with the steps of `views` views already done.
     fn progress<'a>(&self, subject: &Subject, views: usize, listener: &'a mut dyn Listener) -> Steps<'a> {
-        let per_view = 1 + Choice::ALL.len() * (self.counts.len() - 1);
+        let of_nearest = usize::from(self.nearest_has_own_plan());
+        let per_view = 1 + Choice::ALL.len() * (self.counts.len() - 1) + of_nearest;
         let of = per_view * subject.cameras.len() + approach::STEPS.len();
         let mut progress = Steps::new(listener, "sweeping", of);
         progress.skip(views * per_view);
