@@ -1,6 +1,7 @@
 //! Writes HTML pages that load nothing from the network: pictures are embedded, or linked as files next to the page.
 
 use super::plot::{Plot, PlotError};
+use super::text::escaped;
 use crate::io::image::{Image, ImageError};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -180,10 +181,6 @@ impl Page {
             escaped(title)
         )
     }
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// Escapes text, and sets words between backquotes as code.

@@ -109,7 +109,11 @@ const RULE: RGBColor = RGBColor(225, 228, 233);
 const FONT: &str = "sans-serif";
 const TEXT: u32 = 14;
 const NAME: u32 = 13;
+const TITLE: u32 = 18;
 const HEAD: u32 = 66;
+
+/// Position of a dot in pixels, and its name.
+type Dot<'a> = ((i32, i32), &'a str);
 
 /// Style of a series. The eighth to the fourteenth series repeat the colours, with open dots; further ones repeat all
 /// styles.
@@ -135,13 +139,22 @@ impl Series {
 }
 
 impl Plot {
-    /// Draws the plot as SVG.
+    /// Draws the plot as SVG. A viewer shows the name of the dot at which the mouse points, also if no text has room.
     ///
     /// # Errors
     /// The plotting library fails.
     pub fn svg(&self) -> Result<String, PlotError> {
         let mut text = String::new();
-        self.draw(SVGBackend::with_string(&mut text, SIZE).into_drawing_area())?;
+        let dots = self.draw(SVGBackend::with_string(&mut text, SIZE).into_drawing_area())?;
+        let title = |((x, y), name): &Dot| {
+            let name = text::escaped(name);
+            format!(
+                "<circle cx=\"{x}\" cy=\"{y}\" r=\"5\" fill=\"none\" pointer-events=\"all\"><title>{name}</title></circle>\n"
+            )
+        };
+        let titles: String = dots.iter().map(title).collect();
+        let end = text.rfind("</svg>").unwrap_or(text.len());
+        text.insert_str(end, &titles);
         Ok(text)
     }
 
@@ -160,15 +173,17 @@ impl Plot {
         }))
     }
 
-    fn draw<B: DrawingBackend>(&self, area: DrawingArea<B, Shift>) -> Result<(), PlotError> {
+    /// Draws the plot, and returns the dots that have names.
+    fn draw<B: DrawingBackend>(&self, area: DrawingArea<B, Shift>) -> Result<Vec<Dot<'_>>, PlotError> {
         register();
-        self.draw_on(&area).and_then(|()| area.present()).map_err(|error| PlotError(error.to_string()))
+        let dots = self.draw_on(&area).and_then(|dots| area.present().map(|()| dots));
+        dots.map_err(|error| PlotError(error.to_string()))
     }
 
     fn draw_on<B: DrawingBackend>(
         &self,
         area: &DrawingArea<B, Shift>,
-    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+    ) -> Result<Vec<Dot<'_>>, DrawingAreaErrorKind<B::ErrorType>> {
         let shown: Vec<Vec<(f64, f64, &str)>> = self.series.iter().map(|series| self.shown(series)).collect();
         let all = || shown.iter().flatten();
         let bars = self.shown_bars();
@@ -221,18 +236,33 @@ impl Plot {
         }
         let mut names = Names::default();
         shown.iter().flatten().for_each(|(x, y, _)| names.block(chart.backend_coord(&(*x, *y))));
+        let (mut dots, mut left_out) = (Vec::new(), 0);
         for at in before.iter().chain(&behind) {
             let style = (FONT, NAME).into_font().color(&if muted(at) { GREY } else { INK });
             for (x, y, name) in shown[*at].iter().filter(|(.., name)| !name.is_empty()) {
                 let (width, height) = area.estimate_text_size(name, &style)?;
                 let size = (width as i32, height as i32);
-                if let Some((side, place)) = names.place(chart.backend_coord(&(*x, *y)), size) {
-                    let style = style.pos(Pos::new(side, VPos::Top));
-                    area.draw(&Text::new((*name).to_owned(), place, style))?;
+                let at = chart.backend_coord(&(*x, *y));
+                dots.push((at, *name));
+                match names.place(at, size) {
+                    Some((side, place)) => {
+                        let style = style.pos(Pos::new(side, VPos::Top));
+                        area.draw(&Text::new((*name).to_owned(), place, style))?;
+                    }
+                    None => left_out += 1,
                 }
             }
         }
-        Ok(())
+        if left_out > 0 {
+            let style = (FONT, NAME).into_font().color(&INK).pos(Pos::new(HPos::Right, VPos::Bottom));
+            let text = if left_out == 1 {
+                "1 name does not fit".into()
+            } else {
+                format!("{left_out} names do not fit")
+            };
+            area.draw(&Text::new(text, (SIZE.0 as i32 - 14, SIZE.1 as i32 - 4), style))?;
+        }
+        Ok(dots)
     }
 
     /// Draws the title, and the legend in a line below it.
@@ -242,7 +272,10 @@ impl Plot {
         marks: &[Mark],
     ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
         let centred = Pos::new(HPos::Center, VPos::Center);
-        let title = (FONT, 18).into_font().color(&INK).pos(centred);
+        let title = |size: u32| (FONT, size).into_font().color(&INK).pos(centred);
+        let (width, _) = area.estimate_text_size(&self.title, &title(TITLE))?;
+        // A title with a scene and many parameters is wide.
+        let title = title((TITLE * (SIZE.0 - 16) / width.max(1)).min(TITLE));
         area.draw(&Text::new(self.title.clone(), (SIZE.0 as i32 / 2, 22), title))?;
         let style = (FONT, TEXT).into_font().color(&INK);
         let named = || self.series.iter().zip(marks).filter(|(series, _)| !series.name.is_empty());
@@ -466,6 +499,14 @@ mod tests {
             assert!(svg.contains(text), "{text}: {svg}");
         }
         assert!(!svg.contains("equal") && !svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+        assert!(svg.contains("pointer-events=\"all\"><title>slow</title>"), "{svg}");
+        assert!(!svg.contains("fit"), "all names have room: {svg}");
+        let mut crowded = plot();
+        crowded.series[0].points = (0..20).map(|at| point(2.0, 30.0, &format!("crowd <{at}>"))).collect();
+        let crowded = crowded.svg().unwrap();
+        let drawn = (0..20).filter(|at| crowded.contains(&format!("\ncrowd &lt;{at}&gt;\n"))).count();
+        assert!(drawn > 0 && crowded.contains(&format!("\n{} names do not fit\n", 20 - drawn)), "{crowded}");
+        assert_eq!(crowded.matches("<title>crowd &lt;").count(), 20, "{crowded}");
         let above = Plot { bars: vec![Bar { x: (1.5, 2.5), y: 150.0 }], ..plot() }.svg().unwrap();
         assert!(above.contains("\n140\n") && !svg.contains("\n140\n"), "{above}");
         let image = plot().image().unwrap();

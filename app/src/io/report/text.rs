@@ -1,4 +1,4 @@
-//! Formats tables for terminals, cells of CSV, and numbers.
+//! Formats tables for terminals, cells of CSV, numbers, and text in HTML.
 
 use std::iter;
 
@@ -52,6 +52,16 @@ pub fn optional(value: Option<impl ToString>) -> String {
 pub fn quoted(cell: &str) -> String {
     let mark = if cell.starts_with(['=', '+', '-', '@', '\t', '\r']) { "'" } else { "" };
     format!("\"{mark}{}\"", cell.replace('"', "\"\""))
+}
+
+/// Escapes text for HTML and SVG.
+pub fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// Formats parameters as `NAME=VALUE,...`.
+pub fn parameters(set: &[(String, String)]) -> String {
+    set.iter().map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>().join(",")
 }
 
 /// Formats a CSV (RFC 4180). The header and the lines lack their line breaks. `more` are columns to append: a name, and
