@@ -76,10 +76,10 @@ fn graphs_are_measured_in_every_size_and_number_of_splats() {
         assert_eq!(found["memory_bytes"].as_u64(), Some(buffers));
     }
     let csv = place.text("out/bench.csv");
-    assert!(csv.starts_with("scene,splats,") && csv.contains(",of_copy,device,program\n"), "{csv}");
+    assert!(csv.starts_with("scene,splats,") && csv.contains(",of_copy,set,device,program\n"), "{csv}");
     let device = format!(",\"{} (", report["device"].as_str().expect("a name"));
     let cells = |line: &str| line.split_once(&device).map(|(cells, _)| cells.split(',').count());
-    assert!(csv.lines().skip(1).all(|line| cells(line) == Some(13)), "{csv}");
+    assert!(csv.lines().skip(1).all(|line| cells(line) == Some(14)), "{csv}");
     assert!(
         csv.contains(",\"unsorted\",\"\",frame,gpu,") && csv.contains(",\"two\",pass,\"compose\","),
         "{csv}"

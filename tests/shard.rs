@@ -194,6 +194,7 @@ fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
         place.write("of-1/job.json", manifest);
         let page = place.text(&format!("part/{}", file.replace(".json", ".html")));
         assert!(page.contains("1 of 3 views (missing: <code>one</code>, <code>three</code>)"), "{page}");
+        assert!(page.contains("1 of 3 views: "), "the titles of page and plots say it, too: {page}");
         run(&place, "merge of-1 of-0 -o many", &[], 0);
         let (one, many) = (files(&place, "one"), files(&place, "many"));
         assert!(one.keys().eq(many.keys()), "{:?} {:?}", one.keys(), many.keys());

@@ -169,7 +169,7 @@ pub fn trade<'py>(
     let page = trading::page::page(&ledger, &lines, &failed, &trading::pictures::Album::default())
         .map_err(|error| errors::study(py, &error.into()))?;
     let provenance = &ledger.origin.provenance;
-    let csv = trading::table::csv(&lines, provenance);
+    let csv = trading::table::csv(&ledger, &lines);
     let all = json!({
         "lines": lines, "failed": failed, "rows": ledger.rows, "device": provenance.device, "messages": messages,
         "notes": trading::table::notes(&lines), "table": table, "csv": csv, "html": page,

@@ -9,6 +9,7 @@ use super::subject;
 use crate::draw::projection;
 use crate::io::load::LoadOptions;
 use crate::io::output::{self, OutputGuard};
+use crate::io::report::text;
 use crate::studies::measurement::settings;
 use crate::studies::popping::report::{self, Summary};
 use crate::studies::popping::{measure, study};
@@ -90,8 +91,7 @@ const PLOT: &str = "popping";
 /// Parses parameter values of the default graph, `NAME=VALUE,...`.
 fn variant(text: &str) -> Result<Setting, String> {
     let set = text.split(',').map(options::setting).collect::<Result<Vec<_>, _>>()?;
-    let name = set.iter().map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>().join(",");
-    Ok(Setting { name, pipeline: DEFAULT_PIPELINE.into(), set })
+    Ok(Setting { name: text::parameters(&set), pipeline: DEFAULT_PIPELINE.into(), set })
 }
 
 fn degrees(text: &str) -> Result<f64, String> {

@@ -77,8 +77,6 @@ fn open(args: &Args, guard: &mut OutputGuard, given: Option<Vec<Camera>>) -> Res
     let mut subject = subject::load(args.device.open()?, scene, &settings, given, *size)?;
     let graph = projection::of_graph_for(pipeline, set, &subject.cameras);
     subject.cameras = projection::convert_all(&subject.cameras, graph, &subject.scene, *size)?;
-    let file = args.scene.as_deref().and_then(Path::file_stem);
-    subject.name = file.map_or("demo".into(), |stem| stem.to_string_lossy()).into_owned();
     claim_graph_files(guard, &subject.check(&settings)?)?;
     let (pipeline, set, frames) = (pipeline.clone(), set.clone(), args.effort.frames());
     Ok((subject, Wanted { pipeline, set, steps: args.steps, frames }))

@@ -166,7 +166,7 @@ fn report(ledger: &Ledger, output: &Path) -> Result<()> {
     for (setting, why) in &failed {
         say(format!("{setting}: {why}"));
     }
-    output::write_bytes(&file(CSV), csv(&lines, &ledger.origin.provenance).as_bytes())?;
+    output::write_bytes(&file(CSV), csv(ledger, &lines).as_bytes())?;
     let album = Album::beside(&file(LEDGER));
     output::write_bytes(&file(PAGE), page(ledger, &lines, &failed, &album)?.as_bytes())?;
     if let Some(plot) = plot(ledger, &lines) {

@@ -7,6 +7,8 @@ use crate::studies::study::Subject;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, grouped};
+use std::ffi::OsStr;
+use std::path::Path;
 
 /// The program, the device, the scene and the views of a study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -17,7 +19,7 @@ pub struct Provenance {
     pub device: String,
     /// True for a device on the CPU, whose times of passes are unreliable.
     pub is_cpu: bool,
-    /// Name of the scene, for headings: the same scene may have another path.
+    /// Path of the scene, or `demo`, for headings: the same scene may have another path.
     pub scene: String,
     /// Number of splats in the scene.
     pub splats: u32,
@@ -51,11 +53,10 @@ impl Provenance {
     pub fn text(&self, missing: &[String]) -> String {
         let named: Vec<String> = missing.iter().take(MAX_NAMED).map(|name| format!("`{name}`")).collect();
         let more = if missing.len() > MAX_NAMED { ", ..." } else { "" };
-        let views = match self.cameras.len() {
-            1 if missing.is_empty() => "one view".to_owned(),
-            all if missing.is_empty() => format!("{all} views"),
-            all => format!("{} of {all} views (missing: {}{more})", all - missing.len(), named.join(", ")),
-        };
+        let mut views = self.views(missing.len());
+        if !missing.is_empty() {
+            views += &format!(" (missing: {}{more})", named.join(", "));
+        }
         format!(
             "`{}`, {} splats, {views}, on {}. Measured by splatgraph {}.",
             self.scene,
@@ -65,9 +66,40 @@ impl Provenance {
         )
     }
 
-    /// Formats a CSV, and appends the columns `device` and `program`. The header and the lines lack their line breaks.
-    pub fn csv(&self, header: &str, lines: impl IntoIterator<Item = String>) -> String {
-        text::csv(header, lines, &[("device", &self.device), ("program", &self.version)])
+    fn views(&self, missing: usize) -> String {
+        match (self.cameras.len(), missing) {
+            (1, 0) => "one view".to_owned(),
+            (all, 0) => format!("{all} views"),
+            (all, missing) => format!("{} of {all} views", all.saturating_sub(missing)),
+        }
+    }
+
+    /// Formats the scene's name, the graph and its parameters for titles, and the number of views if some are missing.
+    pub fn title(&self, pipeline: &str, set: &[(String, String)], missing: usize) -> String {
+        let name =
+            Path::new(&self.scene).file_stem().map_or(self.scene.as_str().into(), OsStr::to_string_lossy);
+        let views = if missing > 0 { self.views(missing) } else { String::new() };
+        let mut parts = vec![name.into_owned(), pipeline.to_owned(), text::parameters(set), views];
+        parts.retain(|part| !part.is_empty());
+        parts.join(", ")
+    }
+
+    /// Formats a CSV, and appends the scene, the pictures' size, empty if the cameras' sizes differ, `more` columns, the
+    /// device and the program. The header and the lines lack their line breaks.
+    pub fn csv(
+        &self,
+        header: &str,
+        lines: impl IntoIterator<Item = String>,
+        more: &[(&str, String)],
+    ) -> String {
+        let size = |of: fn(&Camera) -> u32| {
+            let first = of(self.cameras.first()?);
+            self.cameras.iter().all(|camera| of(camera) == first).then_some(first)
+        };
+        let [width, height] = [size(|camera| camera.width), size(|camera| camera.height)].map(text::optional);
+        let scene = [("scene", text::quoted(&self.scene)), ("width", width), ("height", height)];
+        let program = [("device", text::quoted(&self.device)), ("program", text::quoted(&self.version))];
+        text::csv(header, lines, &[&scene, more, &program].concat())
     }
 
     /// Returns the warning about times of phases; `None` on a GPU.

@@ -65,10 +65,10 @@ pub fn parameters(set: &[(String, String)]) -> String {
 }
 
 /// Formats a CSV (RFC 4180). The header and the lines lack their line breaks. `more` are columns to append: a name, and
-/// the same value in each line.
-pub fn csv(header: &str, lines: impl IntoIterator<Item = String>, more: &[(&str, &str)]) -> String {
+/// the same cell in each line.
+pub fn csv(header: &str, lines: impl IntoIterator<Item = String>, more: &[(&str, String)]) -> String {
     let names: String = more.iter().map(|(name, _)| format!(",{name}")).collect();
-    let values: String = more.iter().map(|(_, value)| format!(",{}", quoted(value))).collect();
+    let values: String = more.iter().map(|(_, cell)| format!(",{cell}")).collect();
     let lines = lines.into_iter().map(|line| format!("{line}{values}\n"));
     iter::once(format!("{header}{names}\n")).chain(lines).collect()
 }
@@ -94,9 +94,9 @@ mod tests {
     #[test]
     fn columns_are_added_to_each_line_of_a_csv() {
         let lines = ["\"a \"\"b\nc\",1".to_owned(), "\"d\",2".to_owned()];
-        let found = csv("name,ms", lines, &[("device", "x \"y\""), ("program", "1")]);
-        let end = ",\"x \"\"y\"\"\",\"1\"\n";
-        assert_eq!(found, format!("name,ms,device,program\n\"a \"\"b\nc\",1{end}\"d\",2{end}"));
+        let found = csv("name,ms", lines, &[("device", quoted("x \"y\"")), ("width", "1".into())]);
+        let end = ",\"x \"\"y\"\"\",1\n";
+        assert_eq!(found, format!("name,ms,device,width\n\"a \"\"b\nc\",1{end}\"d\",2{end}"));
     }
 
     #[test]

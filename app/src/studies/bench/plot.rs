@@ -36,7 +36,7 @@ pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<
     let rows: Vec<&Row> = report.rows.iter().filter(|row| row.scene == scene).collect();
     let counts: IndexSet<u32> = rows.iter().map(|row| row.splats).collect();
     let mut plots = Vec::new();
-    let title = |of: String| format!("{}, {of}, {}", report.name_of(scene), report.origin.device);
+    let title = |of: String| format!("{}, {of}, {}", report.name_of(scene), report.origin.title());
     if splats.len() > 1 {
         plots.extend(sizes.iter().map(|size| {
             let own = rows.iter().copied().filter(|row| row.size == *size);
@@ -109,8 +109,10 @@ mod tests {
             ("one", 1000, Ok(found(Some(2.0)))),
             ("two", 1000, Ok(found(Some(1.0)))),
         ];
-        let plots = plots(&report(rows), "scenes/a.ply", &[2000, 1000], &SIZES[..1]);
-        assert_eq!(plots.len(), 1);
+        let mut report = report(rows);
+        report.origin.set = vec![("k".into(), "8".into())];
+        let plots = plots(&report, "scenes/a.ply", &[2000, 1000], &SIZES[..1]);
+        assert_eq!((plots.len(), plots[0].title.as_str()), (1, "a, 64x48, k=8, none"));
         let points = |at: usize| plots[0].series[at].points.iter().map(|p| (p.x, p.y)).collect::<Vec<_>>();
         assert_eq!((points(0), points(1)), (vec![(1000.0, 2.0), (2000.0, 3.0)], vec![(1000.0, 1.0)]));
         assert_eq!(

@@ -40,10 +40,21 @@ pub struct Origin {
 }
 
 impl Origin {
-    /// Formats a CSV, and appends the columns `device` and `program`. The header and the lines lack their line breaks.
+    /// Formats a CSV, and appends the columns `set`, `device` and `program`. The header and the lines lack their line
+    /// breaks.
     pub fn csv(&self, header: &str, lines: impl IntoIterator<Item = String>) -> String {
-        let device = format!("{} ({})", self.device, self.driver);
-        text::csv(header, lines, &[("device", &device), ("program", &self.program)])
+        let more = [
+            ("set", quoted(&text::parameters(&self.set))),
+            ("device", quoted(&format!("{} ({})", self.device, self.driver))),
+            ("program", quoted(&self.program)),
+        ];
+        text::csv(header, lines, &more)
+    }
+
+    /// Formats the parameters and the device, for titles.
+    pub fn title(&self) -> String {
+        let set = text::parameters(&self.set);
+        if set.is_empty() { self.device.clone() } else { format!("{set}, {}", self.device) }
     }
 
     /// Creates the origin of a run on a device, without [`Origin::opened`].
@@ -295,7 +306,7 @@ mod tests {
         // failed candidate.
         assert_eq!(csv.lines().count(), 1 + 3 * (5 + 1 + 1) + 1 + 1, "{csv}");
         for line in [
-            r#""scenes/a.ply",1000,64,48,"a","two",pass,"draw",2,0.25,4000000,2,0.001,"none (0)","1""#,
+            r#""scenes/a.ply",1000,64,48,"a","two",pass,"draw",2,0.25,4000000,2,0.001,"","none (0)","1""#,
             r#""scenes/a.ply",1000,64,48,"a","",memory,"color",,,1048576,,,"#,
             r#""scenes/a.ply",1000,64,48,"b","",failed,"no",,,,,,"#,
         ] {

@@ -202,7 +202,7 @@ impl Report {
         let series: Vec<Series> = KEY_BITS.into_iter().map(series).collect();
         series.iter().any(|series| !series.points.is_empty()).then(|| Plot {
             bars: Vec::new(),
-            title: format!("The sort alone, {}", self.origin.device),
+            title: format!("The sort alone, {}", self.origin.title()),
             x: Axis { label: "pairs".into(), logarithmic: true },
             y: Axis { label: "10^9 pairs per second".into(), logarithmic: false },
             series,

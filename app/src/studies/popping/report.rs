@@ -110,7 +110,7 @@ fn shown_degrees(degrees: f64) -> String {
 
 /// Formats every step of every variant as CSV (RFC 4180), with all digits; missing values are empty.
 pub fn csv(tracks: &[Track], provenance: &Provenance) -> String {
-    let header = "variant,step,camera,degrees,pop,excess,worst,worst_x,worst_y,change,true_change,order_changes,true_order_changes";
+    let header = "variant,step,camera,degrees,pop,excess,worst,worst_x,worst_y,change,true_change,order_changes,true_order_changes,pipeline,set";
     let lines = tracks.iter().flat_map(|track| {
         track.steps.iter().enumerate().map(|(at, step)| {
             let cells = [
@@ -127,11 +127,13 @@ pub fn csv(tracks: &[Track], provenance: &Provenance) -> String {
                 step.score.true_change.to_string(),
                 text::optional(step.order_changes),
                 text::optional(step.true_order_changes),
+                text::quoted(&track.variant.pipeline),
+                text::quoted(&text::parameters(&track.variant.set)),
             ];
             cells.join(",")
         })
     });
-    provenance.csv(header, lines)
+    provenance.csv(header, lines, &[])
 }
 
 /// Plots the pop of each step. Variants with equal pops share a line, labelled with all of their names.
@@ -184,7 +186,8 @@ mod tests {
             order_changes: changes,
             true_order_changes: Some(2),
         };
-        let variant = Setting { name: "a \"b\"".into(), pipeline: "splat".into(), set: Vec::new() };
+        let variant =
+            Setting { name: "a \"b\"".into(), pipeline: "splat".into(), set: vec![("k".into(), "8".into())] };
         Track { variant, steps: vec![step("x", 0.1, Some(3)), step("y", 0.3, Some(4))] }
     }
 
@@ -214,7 +217,7 @@ mod tests {
         let text = csv(&[track()], &origin().provenance);
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 3, "{text}");
-        assert!(lines[2].starts_with("\"a \"\"b\"\"\",2,\"y\",0.25,0.3,0.15,0.6,3,4,0.5,0.25,4,2"), "{text}");
+        assert!(lines[2].starts_with("\"a \"\"b\"\"\",2,\"y\",0.25,0.3,0.15,0.6,3,4,0.5,0.25,4,2,\"splat\",\"k=8\",\"a.ply\",32,24,"), "{text}");
         let plotted = plot(&[track(), track()]);
         assert_eq!((plotted.series.len(), plotted.series[0].points.len()), (1, 2));
         assert_eq!(plotted.series[0].name, "a \"b\", a \"b\"");

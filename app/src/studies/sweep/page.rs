@@ -189,6 +189,11 @@ impl SweepResult {
         reads.then(|| format!("`{}` reads the previous frame. {}", self.origin.pipeline, of_last_frame()))
     }
 
+    fn title(&self) -> String {
+        let Origin { provenance, pipeline, set, .. } = &self.origin;
+        provenance.title(pipeline, set, self.missing.len())
+    }
+
     /// Lists the plots with their file names and captions. Leaves out plots without points, such as times without
     /// timestamps.
     pub fn plots(&self) -> Vec<(&'static str, Plot, &'static str)> {
@@ -216,7 +221,10 @@ impl SweepResult {
                 "Closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. Times bound by fragments lie on one line.",
             ),
         ];
-        let named = PLOTS.into_iter().zip(all).map(|(name, (plot, caption))| (name, plot, caption));
+        let title = self.title();
+        let named = PLOTS.into_iter().zip(all).map(|(name, (plot, caption))| {
+            (name, Plot { title: format!("{title}: {}", plot.title), ..plot }, caption)
+        });
         named.filter(|(_, plot, _)| plot.series.iter().any(|series| !series.points.is_empty())).collect()
     }
 
@@ -287,7 +295,9 @@ impl SweepResult {
             cells.extend(phases.iter().map(phase));
             cells.join(",")
         };
-        self.origin.provenance.csv(&header, self.steps.iter().map(line))
+        let Origin { provenance, pipeline, set, .. } = &self.origin;
+        let graph = [("pipeline", text::quoted(pipeline)), ("set", text::quoted(&text::parameters(set)))];
+        provenance.csv(&header, self.steps.iter().map(line), &graph)
     }
 
     /// Makes the page as HTML, with pictures of the first view.
@@ -296,7 +306,7 @@ impl SweepResult {
     /// A picture or a plot cannot be encoded.
     pub fn page(&self, shown: &[Shown]) -> Result<String, StudyError> {
         let Origin { provenance, pipeline, .. } = &self.origin;
-        let mut page = Page::new(&format!("{}: what fewer splats cost and save", provenance.scene));
+        let mut page = Page::new(&format!("{}: what fewer splats cost and save", self.title()));
         page.text(&provenance.text(&self.missing));
         page.text("This command made the page:");
         page.block(&self.command);

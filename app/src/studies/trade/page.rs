@@ -37,7 +37,7 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
     };
     Some(Plot {
         bars: lines.iter().filter_map(bar).collect(),
-        title: format!("{}: time and error of each setting", ledger.origin.title()),
+        title: format!("{}: time and error of each setting", ledger.title()),
         x: Axis {
             label: "GPU time of a frame, % of the exact settings', frame by frame (bars: 99 % intervals)"
                 .into(),
@@ -67,7 +67,7 @@ pub fn page(
     album: &Album,
 ) -> Result<String, PlotError> {
     let origin = &ledger.origin;
-    let mut page = Page::new(&format!("{}: what each setting saves and costs", origin.title()));
+    let mut page = Page::new(&format!("{}: what each setting saves and costs", ledger.title()));
     page.text(&format!(
         "{} The truth is {}.",
         origin.provenance.text(&ledger.missing()),

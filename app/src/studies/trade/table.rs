@@ -1,12 +1,11 @@
 //! Formats a ledger as a table and as CSV.
 
-use super::ledger::{Line, phase_names};
+use super::ledger::{Ledger, Line, Origin, phase_names};
 use crate::draw::stats::BUSY;
 use crate::io::report::text;
 use crate::studies::measurement::noise::{MIN_SAVING, MIN_TURNS, Mark};
 use crate::studies::measurement::settings::EXACT;
 use crate::studies::measurement::view::of_last_frame;
-use crate::studies::provenance::Provenance;
 
 /// Titles of the table's columns, each with its meaning.
 pub(super) const COLUMNS: [(&str, &str); 13] = [
@@ -146,9 +145,9 @@ pub fn table(lines: &[Line]) -> String {
 }
 
 /// Formats lines as CSV (RFC 4180), with all digits; missing values are empty, and an infinite PSNR is `inf`.
-pub fn csv(lines: &[Line], provenance: &Provenance) -> String {
+pub fn csv(ledger: &Ledger, lines: &[Line]) -> String {
     let mut header = String::from(
-        "setting,gpu_ms,spread_ms,of_exact,of_exact_low,of_exact_high,psnr_db,covered_psnr_db,ssim,flip,worst,off,inversions,gpu_bytes,pareto,same_plan",
+        "setting,gpu_ms,spread_ms,of_exact,of_exact_low,of_exact_high,psnr_db,covered_psnr_db,ssim,flip,worst,off,inversions,gpu_bytes,pareto,by_medians,same_plan",
     );
     let phases = phase_names(lines);
     phases.iter().for_each(|name| header += &format!(",{name}_ms,{name}_spread_ms"));
@@ -175,6 +174,11 @@ pub fn csv(lines: &[Line], provenance: &Provenance) -> String {
                 Mark::Likely | Mark::Unlikely => "too noisy to tell",
                 Mark::Hidden => "not judged",
             }),
+            text::optional(match line.mark {
+                Mark::Best | Mark::Likely => Some(true),
+                Mark::Beaten | Mark::Unlikely => Some(false),
+                Mark::Hidden => None,
+            }),
             text::quoted(&line.same_plan.join(", ")),
         ];
         for name in &phases {
@@ -184,12 +188,19 @@ pub fn csv(lines: &[Line], provenance: &Provenance) -> String {
         }
         cells.join(",")
     };
-    provenance.csv(&header, lines.iter().map(line))
+    let Origin { provenance, pipeline, set, .. } = &ledger.origin;
+    let views = provenance.cameras.len() - ledger.missing().len();
+    let more = [
+        ("pipeline", text::quoted(pipeline)),
+        ("set", text::quoted(&text::parameters(set))),
+        ("views", views.to_string()),
+    ];
+    provenance.csv(&header, lines.iter().map(line), &more)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::ledger::testing::{line, origin};
+    use super::super::ledger::testing::{self, ledger, line};
     use super::*;
     use crate::studies::measurement::noise::Share;
 
@@ -229,13 +240,25 @@ mod tests {
         assert_eq!(super::notes(&lines[..1]), [""; 0]);
         let rests = [Line { busy: Some(0.25), ..lines[0].clone() }];
         assert!(super::notes(&rests)[0].starts_with("the device is idle for 75 % of the time"));
-        let csv = csv(&lines, &origin().provenance);
+        let mut ledger = ledger(vec![testing::row("exact", "", Err("no".into()))]);
+        ledger.origin.set = vec![("k".into(), "8".into())];
+        let csv = csv(&ledger, &lines);
         assert_eq!(csv.lines().count(), 5);
         assert!(
-            csv.starts_with("setting,gpu_ms") && csv.contains(",draw_ms,draw_spread_ms,device,program\n"),
+            csv.starts_with("setting,gpu_ms")
+                && csv.contains(
+                    ",draw_ms,draw_spread_ms,scene,width,height,pipeline,set,views,device,program\n"
+                ),
             "{csv}"
         );
-        assert!(csv.contains(",\"not judged\",\"other\",") && csv.contains(",0.25,0.24,0.26,40,"), "{csv}");
+        assert!(
+            csv.contains(",\"not judged\",,\"other\",")
+                && csv.contains(",\"too noisy to tell\",true,")
+                && csv.contains(",0.25,0.24,0.26,40,"),
+            "{csv}"
+        );
+        assert!(csv.contains(",\"a.ply\",32,24,\"splat\",\"k=8\",1,\"none\",\"1\"\n"), "{csv}");
+        assert_eq!(ledger.title(), "a, splat, k=8");
     }
 
     #[test]

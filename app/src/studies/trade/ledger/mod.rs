@@ -20,7 +20,6 @@ use serde_json::Value as Json;
 use splatgraph_assets::file;
 use splatgraph_reference::metrics::{decibels, squared_error};
 use std::collections::BTreeSet;
-use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::{BufRead as _, BufReader, ErrorKind};
@@ -58,13 +57,6 @@ pub struct Origin {
 }
 
 impl Origin {
-    /// Formats the names of the scene and the graph, for headings.
-    pub fn title(&self) -> String {
-        let scene = &self.provenance.scene;
-        let name = Path::new(scene).file_stem().map_or(scene.into(), OsStr::to_string_lossy);
-        format!("{name}, {}", self.pipeline)
-    }
-
     /// Lists the inputs that differ from another origin's, in words for the user. The names of the scene and
     /// the truth are not compared.
     pub fn changes(&self, other: &Origin) -> Vec<&'static str> {
@@ -330,6 +322,19 @@ impl Ledger {
     pub fn missing(&self) -> Vec<String> {
         let is_measured = |name: &str| self.rows.iter().any(|row| row.setting == EXACT && row.camera == name);
         self.origin.provenance.missing(is_measured)
+    }
+
+    /// Formats the names of the scene and the graph, for headings.
+    pub fn title(&self) -> String {
+        let Origin { provenance, pipeline, set, .. } = &self.origin;
+        provenance.title(pipeline, set, self.missing().len())
+    }
+
+    /// Adds a command line, unless it is empty or was added before.
+    pub fn add_command(&mut self, command: &str) {
+        if !command.is_empty() && !self.commands.iter().any(|other| other == command) {
+            self.commands.push(command.to_owned());
+        }
     }
 
     /// Adds settings with equal plans to those of earlier runs.
