@@ -93,6 +93,26 @@ fn graphs_are_measured_in_every_size_and_number_of_splats() {
 }
 
 #[test]
+fn the_files_in_the_folder_belong_to_one_run_also_to_one_that_ends_early() {
+    let place = Place::new();
+    place.cameras(&["one"]);
+    let short = "bench scene.ply -c cameras.json --rounds 1 --frames 1 -p splat -o out";
+    place.done(&format!("{short} --sizes 32x24,48x36"));
+    place.image("out/sizes-scene-all.png");
+    place.write("out/sizes.png", "");
+    place.write("broken.ply", "ply\n");
+    let errors = place.fails(&format!("{short} --size 32x24 --set cutoff=2 broken.ply"), 1);
+    assert!(errors.contains("plots of an earlier run are removed: sizes-scene-all\n"), "{errors}");
+    let files: Vec<String> = place.files("out").into_keys().collect();
+    assert_eq!(files, ["out/bench.csv", "out/sizes.png"]);
+    let csv = place.text("out/bench.csv");
+    assert!(
+        csv.lines().count() > 5 && csv.lines().skip(1).all(|line| line.contains(",\"cutoff=2\",")),
+        "{csv}"
+    );
+}
+
+#[test]
 fn a_graph_that_draws_no_scene_is_measured_too() {
     let place = Place::new();
     place.write(

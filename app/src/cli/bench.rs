@@ -15,11 +15,14 @@ use crate::io::report::plot::Plot;
 use crate::studies::bench::report::{Origin, Report, scene_names, size_text};
 use crate::studies::bench::{Wanted, copy_limit, plot, sort, study, table};
 use crate::studies::study::{Setting, Subject};
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
 use serde::Serialize;
 use splatgraph_api::{Device, DeviceInfo};
 use splatgraph_assets::{Camera, SceneHeader};
 use splatgraph_framework::lower;
+use std::collections::BTreeSet;
+use std::ffi::OsStr;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Measure the time and memory of graphs, pass by pass
@@ -139,7 +142,7 @@ fn measure_frames(args: &Args, device: &Backend, origin: Origin, work: &mut Work
 fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> {
     let usual = sort::usual_pairs();
     let pairs = if args.pairs.is_empty() { &usual } else { &args.pairs };
-    let mut kept = |report: &sort::Report| write_json(args, report, false);
+    let mut kept = |report: &sort::Report| keep(args, report, &report.csv(), report.rows.is_empty());
     let report = sort::measure(device, pairs, origin, &mut kept, &mut Console::default())?;
     let plot = report.plot().map(|plot| (SORT_PLOT.to_owned(), plot));
     finish(args, (&report.table(), &report.csv()), &report, plot)?;
@@ -190,14 +193,37 @@ fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
     Ok(())
 }
 
-/// Writes the JSON, if `--json` is given; to standard output only if `last`.
-fn write_json(args: &Args, report: &impl Serialize, last: bool) -> Result<()> {
-    match &args.json {
-        Some(path) if last || !is_standard_output(path) => {
-            options::write_json(path, &serde_json::to_value(report)?)
-        }
-        _ => Ok(()),
+/// Writes the JSON, unless it goes to standard output, and the CSV. The `first` time, removes an earlier run's plots.
+fn keep(args: &Args, report: &impl Serialize, csv: &str, first: bool) -> Result<()> {
+    if let Some(path) = args.json.as_deref().filter(|path| !is_standard_output(path)) {
+        options::write_json(path, &serde_json::to_value(report)?)?;
     }
+    let Some(folder) = &args.output else { return Ok(()) };
+    let file = folder.join(CSV);
+    // Without a CSV, files with the names of plots are not of an earlier run.
+    if first && file.exists() {
+        remove_plots(folder)?;
+    }
+    Ok(output::write_bytes(&file, csv.as_bytes())?)
+}
+
+/// Removes the plots of any run of `bench` from a folder.
+fn remove_plots(folder: &Path) -> Result<()> {
+    let (mut removed, entries) = (BTreeSet::new(), fs::read_dir(folder));
+    for entry in entries.with_context(|| folder.display().to_string())? {
+        let path = entry.with_context(|| folder.display().to_string())?.path();
+        if let Some(name) = path.file_stem().and_then(OsStr::to_str)
+            && (name == SORT_PLOT || plot::is_name(name))
+            && options::remove_plot(folder, name)?
+        {
+            removed.insert(name.to_owned());
+        }
+    }
+    if !removed.is_empty() {
+        let names: Vec<String> = removed.into_iter().collect();
+        say(format!("{}: plots of an earlier run are removed: {}", folder.display(), names.join(", ")));
+    }
+    Ok(())
 }
 
 /// Prints the tables, to standard error if the JSON goes to standard output, and writes all files. `plots` are pairs of
@@ -208,13 +234,15 @@ fn finish(
     report: &impl Serialize,
     plots: impl IntoIterator<Item = (String, Plot)>,
 ) -> Result<()> {
-    match args.json.as_deref().is_some_and(is_standard_output) {
-        true => say(text.trim_end()),
-        false => options::write_text(None, text)?,
+    match args.json.as_deref().filter(|path| is_standard_output(path)) {
+        Some(path) => {
+            say(text.trim_end());
+            options::write_json(path, &serde_json::to_value(report)?)?;
+        }
+        None => options::write_text(None, text)?,
     }
-    write_json(args, report, true)?;
+    keep(args, report, csv, false)?;
     let Some(folder) = &args.output else { return Ok(()) };
-    output::write_bytes(&folder.join(CSV), csv.as_bytes())?;
     plots.into_iter().try_for_each(|(name, plot)| options::write_plot(&plot, folder, &name))?;
     say(format!("all numbers are in {}", folder.join(CSV).display()));
     Ok(())
@@ -236,7 +264,7 @@ fn measure_scene(
     claim_graph_files(guard, &subject.files(&candidates)?)?;
     let wanted = Wanted { candidates, splats: args.splats.clone(), sizes: args.sizes() };
     // An interrupted run keeps its results.
-    let mut kept = |report: &Report| write_json(args, report, false);
+    let mut kept = |report: &Report| keep(args, report, &report.csv(), report.rows.is_empty());
     study(&subject, &wanted, report, &mut kept, &mut Console::default())?;
     Ok(())
 }

@@ -28,8 +28,6 @@ use splatgraph_framework::source::Content;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;
 use std::fmt;
-use std::fs;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -330,12 +328,7 @@ impl Job {
     /// Removes the files of a failed view, which would otherwise count as its results: they may be of earlier inputs.
     fn remove(&self, view: usize) -> Result<()> {
         for file in self.outputs.files[view].iter().map(|file| self.outputs.folder.join(file)) {
-            match fs::remove_file(&file) {
-                Err(error) if error.kind() != ErrorKind::NotFound => {
-                    return Err(error).with_context(|| file.display().to_string());
-                }
-                _ => {}
-            }
+            output::remove(&file)?;
         }
         Ok(())
     }
@@ -500,6 +493,7 @@ mod tests {
     use super::*;
     use splatgraph_assets::synth;
     use std::cell::Cell;
+    use std::fs;
 
     #[test]
     fn shards_have_every_view_once() {

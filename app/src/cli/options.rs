@@ -372,6 +372,15 @@ pub fn write_plot(plot: &Plot, folder: &Path, name: &str) -> Result<()> {
     Ok(plot.image()?.save(&folder.join(format!("{name}.png")))?)
 }
 
+/// Removes the files of [`write_plot`], and returns true if there were any.
+pub fn remove_plot(folder: &Path, name: &str) -> Result<bool> {
+    let mut found = false;
+    for format in ["svg", "png"] {
+        found |= output::remove(&folder.join(format!("{name}.{format}")))?;
+    }
+    Ok(found)
+}
+
 /// Formats this process's command line for a shell.
 pub fn command_line() -> String {
     std::env::args_os().map(|word| shell_word(&word.to_string_lossy())).collect::<Vec<_>>().join(" ")

@@ -169,8 +169,12 @@ fn report(ledger: &Ledger, output: &Path) -> Result<()> {
     output::write_bytes(&file(CSV), csv(ledger, &lines).as_bytes())?;
     let album = Album::beside(&file(LEDGER));
     output::write_bytes(&file(PAGE), page(ledger, &lines, &failed, &album)?.as_bytes())?;
-    if let Some(plot) = plot(ledger, &lines) {
-        options::write_plot(&plot, output, PLOT)?;
+    match plot(ledger, &lines) {
+        Some(plot) => options::write_plot(&plot, output, PLOT)?,
+        None if options::remove_plot(output, PLOT)? => {
+            say("no setting has a time: the plots of an earlier run are removed");
+        }
+        None => {}
     }
     say(format!("{} shows the result", file(PAGE).display()));
     Ok(())

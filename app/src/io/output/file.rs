@@ -127,6 +127,19 @@ enum Existing {
     Kept,
 }
 
+/// Removes a file, and returns true if it was there.
+///
+/// # Errors
+/// The file cannot be removed.
+pub fn remove(path: &Path) -> Result<bool, OutputError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(false),
+        removed => {
+            removed.map(|()| true).map_err(|error| OutputError { path: path.to_owned(), cause: error.into() })
+        }
+    }
+}
+
 /// Runs `body` on a file, and names it `target` once it is complete.
 fn fill_file(
     target: PathBuf,

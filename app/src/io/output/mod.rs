@@ -16,7 +16,7 @@ pub mod signals;
 pub mod terminal;
 
 pub use claim::{Claim, claim, lock};
-pub use file::{OutputError, is_standard_output, write, write_bytes, write_new, write_new_bytes};
+pub use file::{OutputError, is_standard_output, remove, write, write_bytes, write_new, write_new_bytes};
 pub use guard::OutputGuard;
 pub use log::Log;
 pub use terminal::{harmless, note, one_line, print, say, say_styled, shell_word};

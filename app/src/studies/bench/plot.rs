@@ -29,6 +29,18 @@ pub fn names(stem: &str, splats: &[u32], sizes: Sizes) -> Vec<String> {
     names
 }
 
+/// Returns true for a name that [`names`] returns for some scene, sizes and numbers of splats.
+pub fn is_name(name: &str) -> bool {
+    let end =
+        |start: &str| name.strip_prefix(start).and_then(|rest| rest.rsplit_once('-')).map(|(_, end)| end);
+    let is_number = |text: &str| text.parse::<u32>().is_ok();
+    let is_size = |text: &str| {
+        text.split_once('x').is_some_and(|(width, height)| is_number(width) && is_number(height))
+    };
+    end("splats-").is_some_and(|size| size == "own" || is_size(size))
+        || end("sizes-").is_some_and(|count| count == "all" || is_number(count))
+}
+
 /// Plots the times of a scene. `splats` are the requested numbers of splats; empty if the scene keeps its own.
 ///
 /// Plots over sizes have no points for the cameras' own sizes.
@@ -99,6 +111,10 @@ mod tests {
         assert_eq!(names("a", &[], &SIZES), ["sizes-a-all"]);
         let of_both = ["splats-a-64x48", "splats-a-128x96", "sizes-a-1", "sizes-a-2"];
         assert_eq!(names("a", &[1, 2], &SIZES), of_both);
+        let all = of_both.into_iter().chain(["splats-a-own", "sizes-a-b-all"]);
+        assert!(
+            all.into_iter().all(is_name) && !["sizes-a", "splats-a-wide", "a-1"].into_iter().any(is_name)
+        );
     }
 
     #[test]

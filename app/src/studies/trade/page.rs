@@ -27,8 +27,9 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
     front.sort_by(|a, b| a.x.total_cmp(&b.x));
     let muted: Vec<Point> = points(&[Mark::Beaten, Mark::Unlikely, Mark::Hidden]);
     let likely: Vec<Point> = points(&[Mark::Likely]);
-    let named = |name: &str| if likely.is_empty() { String::new() } else { name.to_owned() };
-    if front.is_empty() && likely.is_empty() {
+    let named =
+        |name: &str, points: &[Point]| if points.is_empty() { String::new() } else { name.to_owned() };
+    if [&front, &muted, &likely].iter().all(|points| points.is_empty()) {
         return None;
     }
     let bar = |line: &Line| {
@@ -46,12 +47,12 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
         y: Axis { label: "PSNR against the truth, dB".into(), logarithmic: false },
         series: vec![
             Series {
-                name: "dominated, probably dominated, or not judged".into(),
+                name: named("dominated, probably dominated, or not judged", &muted),
                 form: Form::Muted,
                 points: muted,
             },
-            Series { name: "Pareto front".into(), form: Form::Line, points: front },
-            Series { name: named("too noisy to tell"), form: Form::Points, points: likely },
+            Series { name: named("Pareto front", &front), form: Form::Line, points: front },
+            Series { name: named("too noisy to tell", &likely), form: Form::Points, points: likely },
         ],
     })
 }

@@ -192,10 +192,11 @@ impl Book {
             Ok(found) => found,
             // Not an error: a nightly job has to survive updates of the program and of the driver.
             Err(changes) if changes.iter().all(|change| ["program", "device"].contains(change)) => {
-                let kept = set_aside(path.as_deref(), &bytes.unwrap_or_default())?;
+                let (kept, removed) = set_aside(path.as_deref(), &bytes.unwrap_or_default())?;
                 let changes = changes.join(" and another ");
+                let removed = if removed { "; its CSV, page and plots are removed" } else { "" };
                 lost = Some(format!(
-                    "{shown}: measured with another {changes}: it is kept as {}, and all settings are measured again",
+                    "{shown}: measured with another {changes}: it is kept as {}, and all settings are measured again{removed}",
                     kept.display()
                 ));
                 Default::default()
@@ -256,14 +257,27 @@ impl Book {
     }
 }
 
-/// Copies a ledger with these contents, so that another can replace it, and returns the copy's path.
-fn set_aside(path: Option<&Path>, bytes: &[u8]) -> Result<PathBuf, output::OutputError> {
-    let Some(path) = path else { return Ok(PathBuf::new()) };
+/// Copies a ledger with these contents, so that another can replace it, and removes the files that show it: an
+/// interrupted run would leave them beside its own rows. Returns the copy's path, and true if files were removed.
+fn set_aside(path: Option<&Path>, bytes: &[u8]) -> Result<(PathBuf, bool), output::OutputError> {
+    let Some(path) = path else { return Ok(Default::default()) };
     let mut hash = DefaultHasher::new();
     bytes.hash(&mut hash);
     let copy = path.with_file_name(format!("ledger-{}.json", hex(hash.finish())));
     output::write_bytes(&copy, bytes)?;
-    Ok(copy)
+    let mut removed = false;
+    for extension in ["csv", "html", "svg", "png"] {
+        removed |= output::remove(&path.with_extension(extension))?;
+    }
+    Ok((copy, removed))
+}
+
+/// What [`Book::open`] keeps of an earlier ledger.
+#[derive(Default)]
+struct Found {
+    rows: Vec<Row>,
+    same_plan: SamePlan,
+    commands: Vec<String>,
 }
 
 /// Reads the rows of a ledger, and which settings have equal plans. The error lists what differs from `origin`; a

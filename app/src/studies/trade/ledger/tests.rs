@@ -184,13 +184,16 @@ fn a_ledger_of_another_program_or_device_is_kept_under_another_name() {
         (r#"{"origin": {}, "rows": []}"#.to_owned(), "program"),
     ] {
         fs::write(&path, &text).unwrap();
+        fs::write(path.with_extension("svg"), "").unwrap();
         assert!(replaceable(&path).is_ok());
         let (book, lost) = Book::open(Some(path.clone()), other.clone(), &[("exact", Some(1))]).unwrap();
         let lost = lost.expect("a message");
         assert!(book.ledger.rows.is_empty(), "{lost}");
         let (start, kept) = lost.split_once("it is kept as ").expect("the new name");
         assert!(start.ends_with(&format!("measured with another {what}: ")), "{lost}");
-        let kept = kept.split_once(", and all settings are measured again").expect("what follows").0;
+        let (kept, after) = kept.split_once(", and all settings are measured again").expect("what follows");
+        assert_eq!(after, "; its CSV, page and plots are removed");
+        assert!(!path.with_extension("svg").exists() && path.exists());
         assert_eq!(fs::read_to_string(kept).unwrap(), text);
     }
 }
