@@ -23,7 +23,7 @@ fn without_times(json: &[u8]) -> Value {
     fn clean(value: &mut Value) {
         match value {
             Value::Object(fields) => {
-                for name in ["time", "fit", "command", "origin", "gpu_bytes"] {
+                for name in ["time", "fit", "command", "commands", "origin", "gpu_bytes"] {
                     fields.remove(name);
                 }
                 fields.values_mut().for_each(clean);

@@ -175,6 +175,9 @@ fn a_ledger_of_other_inputs_is_refused_and_rows_of_the_same_inputs_are_kept() {
     let table = trade("defaults -o new").0;
     assert!(table.contains("defaults") && table.contains("preset key16"), "{table}");
     assert_eq!(place.text("new/ledger.csv").lines().count(), 4);
+    let commands = place.json("new/ledger.json")["commands"].clone();
+    assert_eq!(commands.as_array().map(Vec::len), Some(2), "{commands}");
+    assert!(place.text("new/ledger.html").contains("These commands made the page, in this order:"));
 }
 
 #[test]

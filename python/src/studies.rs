@@ -154,6 +154,7 @@ pub fn trade<'py>(
         frames,
         truths: truths.map(|truths| ("arrays".into(), truths)),
         opened: "from Python".into(),
+        command: String::new(),
         file,
     };
     let name = format!("{:016x}", scene.identity());

@@ -136,6 +136,7 @@ fn open(
         frames: args.effort.frames(),
         truths: args.truth.as_ref().map(truths).transpose()?,
         opened: format!("validation {validate}, robustness {}", !no_robustness),
+        command: options::command_line(),
         file,
     };
     claim_graph_files(guard, &subject.check(&settings)?)?;
@@ -151,7 +152,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut guard = guard(args)?;
     let (subject, wanted) = open(args, &mut guard, given, Some(args.output.join(LEDGER)))?;
     let mut ledger = study(&subject, &wanted, &mut Console::default()).map_err(usage)?;
-    ledger.command = options::command_line();
+    ledger.command = wanted.command;
     report(&ledger, &args.output)?;
     Ok(super::outcome::validated(args.device.validate, &subject.device.close()))
 }
@@ -276,7 +277,9 @@ pub fn merge(origin: &job::Origin, parts: Vec<Vec<Row>>, found: &[PathBuf], outp
     book.ledger.add_same_plan(same_plan);
     book.save()?;
     let (mut ledger, album) = (book.ledger, Album::beside(&path));
-    ledger.command = format!("{command}\n{}", options::command_line());
+    let own = options::command_line();
+    [&command, &own].into_iter().for_each(|command| ledger.add_command(command));
+    ledger.command = format!("{command}\n{own}");
     let settings: BTreeSet<&str> = ledger.rows.iter().map(|row| row.setting.as_str()).collect();
     for setting in settings {
         if let Some((camera, _)) = ledger.farthest(setting)

@@ -74,9 +74,12 @@ pub fn page(
         origin.provenance.text(&ledger.missing()),
         if origin.truth == "reference" { "the exact renderer's" } else { origin.truth.as_str() },
     ));
-    if !ledger.command.is_empty() {
-        page.text("This command made the page:");
-        page.block(&ledger.command);
+    if !ledger.commands.is_empty() {
+        page.text(match ledger.commands.len() {
+            1 => "This command made the page:",
+            _ => "These commands made the page, in this order:",
+        });
+        page.block(&ledger.commands.join("\n"));
     }
     if let Some(plot) = plot(ledger, lines) {
         page.plot(&plot, "Left is faster, up is closer to the truth. Bars are 99 % confidence intervals. For a dominated setting, another is at least as fast and as accurate.")?;
@@ -144,7 +147,10 @@ mod tests {
         assert_eq!((names(0), names(1)), (vec!["bad"], vec!["fast", "exact (inf)"]));
         assert_eq!((plot.series[0].form, plot.series[1].points[1].y), (Form::Muted, 46.0));
         assert_eq!(plot.bars[1], Bar { x: (24.0, 26.0), y: 40.0 });
-        let ledger = Ledger { command: "splatgraph trade scene.ply".into(), ..ledger };
+        let hidden = super::plot(&ledger, &[line("exact", 4.0, 50.0, Mark::Hidden)]).unwrap();
+        let unnamed: Vec<bool> = hidden.series.iter().map(|series| series.name.is_empty()).collect();
+        assert_eq!(unnamed, [false, true, true], "there is a plot, with a legend of what it has");
+        let ledger = Ledger { commands: vec!["splatgraph trade scene.ply".into()], ..ledger };
         let html = page(&ledger, &lines, &[("broken".into(), "error: no".into())], &no_pictures()).unwrap();
         let on_cpu = |is_cpu: bool| {
             let mut ledger = ledger.clone();

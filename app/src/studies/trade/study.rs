@@ -44,6 +44,8 @@ pub struct Wanted {
     pub frames: Frames,
     /// True pictures, one per camera, with the name of their source; `None` for the exact renderer's.
     pub truths: Option<(String, Vec<Image>)>,
+    /// The command line, for the ledger.
+    pub command: String,
     /// Options with which the device was opened, such as validation; part of [`Origin::opened`].
     pub opened: String,
     /// The file of the ledger, from which an interrupted study resumes, with the pictures' folder next to it.
@@ -62,6 +64,8 @@ const VIEWS_AT_ONCE: usize = 8;
 pub fn study(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) -> Result<Ledger, StudyError> {
     let mut study = Study::new(subject, wanted, listener)?;
     let mut book = study.book(wanted.file.clone(), listener)?;
+    // Rows of an interrupted run stay, so its command is stored with the first of them.
+    book.ledger.add_command(&wanted.command);
     let album = wanted.file.as_deref().map_or_else(Album::default, Album::beside);
     study.measure(subject, wanted, 0..subject.cameras.len(), (&mut book, &album), listener)?;
     Ok(book.ledger)
@@ -426,6 +430,7 @@ mod tests {
             frames: Frames { rounds: 1, frames: Some(1) },
             truths: None,
             opened: String::new(),
+            command: String::new(),
             file: None,
         }
     }

@@ -89,6 +89,9 @@ pub struct Ledger {
     /// command of a shard.
     #[serde(default)]
     pub command: String,
+    /// The commands that measured rows, or joined them, in their order.
+    #[serde(default)]
+    pub commands: Vec<String>,
     /// The inputs on which the numbers depend.
     pub origin: Origin,
     /// For a setting, the settings with equal plans, which are not measured.
@@ -187,8 +190,8 @@ impl Book {
             path.as_ref().and_then(|path| own_file::read(path).ok()).filter(|bytes| !bytes.is_empty());
         let shown = path.as_deref().unwrap_or(Path::new("")).display();
         let mut lost = None;
-        let found = bytes.as_deref().map_or(Ok(Default::default()), |bytes| rows_of(bytes, &origin));
-        let (mut rows, mut same_plan) = match found {
+        let found = bytes.as_deref().map_or(Ok(Default::default()), |bytes| read(bytes, &origin));
+        let Found { mut rows, mut same_plan, commands } = match found {
             Ok(found) => found,
             // Not an error: a nightly job has to survive updates of the program and of the driver.
             Err(changes) if changes.iter().all(|change| ["program", "device"].contains(change)) => {
@@ -220,7 +223,7 @@ impl Book {
                 "{shown}: {count} rows of an earlier run are measured again or left out: their settings' plans have changed, or equal another's"
             ));
         }
-        let ledger = Ledger { command: String::new(), origin, same_plan, rows };
+        let ledger = Ledger { command: String::new(), commands, origin, same_plan, rows };
         Ok((Book { ledger, path, _lock: lock }, lost))
     }
 
@@ -280,13 +283,20 @@ struct Found {
     commands: Vec<String>,
 }
 
-/// Reads the rows of a ledger, and which settings have equal plans. The error lists what differs from `origin`; a
-/// ledger without rows fits any origin.
-fn rows_of(bytes: &[u8], origin: &Origin) -> Result<(Vec<Row>, SamePlan), Vec<&'static str>> {
+/// Reads what an earlier ledger has. The error lists what differs from `origin`; a ledger without rows fits any origin.
+fn read(bytes: &[u8], origin: &Origin) -> Result<Found, Vec<&'static str>> {
     // Another version of the program wrote other fields.
-    let found: Ledger = serde_json::from_slice(bytes).map_err(|_| vec!["program"])?;
-    match found.origin.changes(origin) {
-        changes if changes.is_empty() || found.rows.is_empty() => Ok((found.rows, found.same_plan)),
+    let mut ledger: Ledger = serde_json::from_slice(bytes).map_err(|_| vec!["program"])?;
+    if ledger.rows.is_empty() {
+        return Ok(Found::default());
+    }
+    // Earlier versions wrote only the last command.
+    if ledger.commands.is_empty() {
+        ledger.add_command(&ledger.command.clone());
+    }
+    let Ledger { origin: own, rows, same_plan, commands, .. } = ledger;
+    match own.changes(origin) {
+        changes if changes.is_empty() => Ok(Found { rows, same_plan, commands }),
         changes => Err(changes),
     }
 }
@@ -499,7 +509,8 @@ pub(crate) mod testing {
     }
 
     pub fn ledger(rows: Vec<Row>) -> Ledger {
-        Ledger { command: String::new(), origin: origin(), same_plan: SamePlan::new(), rows }
+        let (command, commands, same_plan) = Default::default();
+        Ledger { command, commands, origin: origin(), same_plan, rows }
     }
 
     pub fn measured(ms: f64, psnr_db: Option<f64>) -> Measured {

@@ -199,6 +199,20 @@ fn a_ledger_of_another_program_or_device_is_kept_under_another_name() {
 }
 
 #[test]
+fn every_command_is_kept_once_also_that_of_an_older_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("ledger.json");
+    let older = Ledger { command: "one".into(), ..ledger(vec![row("exact", "a", Err("no".into()))]) };
+    older.save(&path).unwrap();
+    let (mut book, _) = Book::open(Some(path.clone()), origin(), &[]).unwrap();
+    ["two", "one", ""].into_iter().for_each(|command| book.ledger.add_command(command));
+    assert_eq!(book.ledger.commands, ["one", "two"]);
+    book.save().unwrap();
+    drop(book);
+    assert_eq!(Book::open(Some(path), origin(), &[]).unwrap().0.ledger.commands, ["one", "two"]);
+}
+
+#[test]
 fn other_set_values_are_not_another_graph() {
     let own = with(|_| ());
     let set = |value: &str| vec![("k".to_owned(), value.to_owned())];
