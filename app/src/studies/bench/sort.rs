@@ -173,20 +173,21 @@ impl Report {
 
     /// Formats every sort as CSV (RFC 4180), one per line, with all digits; missing values are empty.
     pub fn csv(&self) -> String {
-        let header = "pairs,key_bits,gkeys_per_s,gpu_ms,spread_ms,at_most_ms,wall_ms,bytes,of_copy,memory_bytes,failed";
+        let header = "pairs,key_bits,gkeys_per_s,gpu_ms,spread_ms,at_most_ms,wall_ms,bytes,gb_per_s,of_copy,memory_bytes,failed";
         let line = |Row { pairs, key_bits, found }: &Row| match found {
             Ok(sorted) => format!(
-                "{pairs},{key_bits},{},{},{},{},{},{},{},{},",
+                "{pairs},{key_bits},{},{},{},{},{},{},{},{},{},",
                 optional(sorted.gkeys_per_s),
                 optional(sorted.phase.gpu_ms.map(|figure| figure.median)),
                 optional(sorted.phase.gpu_ms.and_then(|figure| figure.spread)),
                 optional(sorted.at_most_ms),
                 optional(sorted.wall_ms.map(|figure| figure.median)),
                 sorted.phase.bytes,
+                optional(sorted.phase.gb_per_s),
                 optional(sorted.phase.of_copy),
                 sorted.memory_bytes
             ),
-            Err(why) => format!("{pairs},{key_bits},,,,,,,,,{}", quoted(&summary(why))),
+            Err(why) => format!("{pairs},{key_bits},,,,,,,,,,{}", quoted(&summary(why))),
         };
         self.origin.csv(header, self.rows.iter().map(line))
     }

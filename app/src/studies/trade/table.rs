@@ -34,7 +34,10 @@ pub(super) const COLUMNS: [(&str, &str); 13] = [
     ("FLIP", "NVIDIA's FLIP, mean; 0 is equal"),
     ("worst", "largest difference of a channel (range 0 to 1)"),
     ("off", "pixels that differ by more than 1/255"),
-    ("inversions", "pairs of visible splats in the wrong order"),
+    (
+        "inversions",
+        "pairs of visible splats in the wrong order in the sorted list, from either end of which a graph can blend",
+    ),
     ("MiB", "memory on the device"),
     (
         "note",
