@@ -65,6 +65,9 @@ fn graphs_are_measured_in_every_size_and_number_of_splats() {
         let mean = views.iter().map(ms).sum::<f64>() / 2.0;
         assert!((ms(&found["mean"]) - mean).abs() < 1e-9 && mean > 0.0, "{found}");
         assert_eq!(views[0]["width"], row["size"][0]);
+        let rounds = views[0]["gpu_ms_of_rounds"].as_array().expect("a list");
+        let sum: f64 = rounds.iter().filter_map(Value::as_f64).sum();
+        assert!(rounds.len() == 2 && (0.5 * sum - ms(&views[0])).abs() < 1e-9, "{}", views[0]);
         let sorted = found["mean"]["phases"].as_array().unwrap().iter().any(|phase| phase["name"] == "sort");
         assert_eq!(sorted, row["pipeline"] == "splat");
         // The output is read and written once: half floats or floats in, floats out.

@@ -80,6 +80,8 @@ pub struct View {
     pub height: u32,
     /// Number of frames per round.
     pub frames: u32,
+    /// Median of each round's GPU milliseconds, of which `gpu_ms` is the median; `None` without timestamps.
+    pub gpu_ms_of_rounds: Option<Vec<f64>>,
     /// The graph's counts in the last frame, such as `visible` and `drawn`.
     pub counts: BTreeMap<String, u32>,
     /// The times of the candidate's frames in this view.
@@ -228,6 +230,7 @@ impl Bench<'_> {
         };
         for (runner, rounds) in all.iter_mut().flatten().zip(profiled) {
             let whole = whole.as_mut().and_then(Iterator::next);
+            let whole = whole.as_ref().unwrap_or(&rounds);
             let plan = runner.session.plan().ok_or(SessionError::NotPrepared)?;
             let last = rounds.last().and_then(|round| round.last());
             runner.views.push(View {
@@ -236,7 +239,8 @@ impl Bench<'_> {
                 height: camera.height,
                 frames: effort.frames,
                 counts: last.map(|frame| frame.result.stats.iter().cloned().collect()).unwrap_or_default(),
-                figures: figures(plan, &rounds, whole.as_ref().unwrap_or(&rounds), self.copy),
+                gpu_ms_of_rounds: whole.iter().map(|round| interleaved::gpu_ms(round)).collect(),
+                figures: figures(plan, &rounds, whole, self.copy),
             });
         }
         Ok(())
@@ -348,6 +352,7 @@ pub(super) mod testing {
             width: 64,
             height: 48,
             frames: 1,
+            gpu_ms_of_rounds: None,
             counts: BTreeMap::new(),
             figures: figures.clone(),
         };

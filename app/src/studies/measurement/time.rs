@@ -26,6 +26,11 @@ pub struct Time {
     pub share: Share,
     /// Milliseconds of the baseline: [`Baseline::ms`], or the median of the rounds' medians.
     pub exact_ms: f64,
+    /// Difference between the largest and the smallest time of the baseline in these rounds, in milliseconds; `None`
+    /// with one round.
+    pub exact_spread_ms: Option<f64>,
+    /// The share of each turn, in order; without a baseline, there are none.
+    pub turns: Vec<f64>,
     /// Number of rounds that were drawn.
     pub rounds: u32,
     /// Share of the host's frame time that the device spends drawing, at most 1. It idles for the rest.
@@ -142,7 +147,8 @@ pub fn time_alone(
 /// times replaces it, and the share has no range.
 fn alone(plan: &Plan, rounds: &Rounds, profiled: &Rounds) -> Option<Time> {
     let time = time(plan, rounds, profiled, (rounds, None))?;
-    Some(Time { spread_ms: gpu_ms(rounds)?.spread, share: Share { median: 1.0, range: None }, ..time })
+    let (share, turns) = (Share { median: 1.0, range: None }, Vec::new());
+    Some(Time { spread_ms: gpu_ms(rounds)?.spread, share, turns, ..time })
 }
 
 fn gpu_ms(rounds: &Rounds) -> Option<Figure> {
@@ -163,12 +169,14 @@ fn time(
     profiled: &Rounds,
     (exact, exact_ms): (&Rounds, Option<f64>),
 ) -> Option<Time> {
-    let share = Share::of(&turns(own, exact)?)?;
+    let turns = turns(own, exact)?;
+    let share = Share::of(&turns)?;
     let of_round = |(own, exact): (&Vec<_>, &Vec<_>)| {
         vec![interleaved::gpu_ms(own).zip(interleaved::gpu_ms(exact)).map(|(own, exact)| own / exact)]
     };
     let spread = Figure::of(own.iter().zip(exact).map(of_round))?.spread;
-    let exact_ms = exact_ms.or(gpu_ms(exact).map(|figure| figure.median))?;
+    let of_exact = gpu_ms(exact)?;
+    let exact_ms = exact_ms.unwrap_or(of_exact.median);
     let (own_ms, gpu_ms) = (gpu_ms(own)?.median, share.median * exact_ms);
     // Converts a phase's times in these rounds to the clock speed of `exact_ms`.
     let scale = if own_ms > 0.0 { gpu_ms / own_ms } else { 1.0 };
@@ -180,6 +188,8 @@ fn time(
         spread_ms: spread.map(|spread| spread * exact_ms),
         share,
         exact_ms,
+        exact_spread_ms: of_exact.spread,
+        turns,
         rounds: own.len() as u32,
         busy: median(own.iter().map(|round| interleaved::busy(round)).collect::<Option<_>>()?)?,
         phases: phases().map(|(name, figure)| (name, scale * figure.median)).collect(),
@@ -227,7 +237,8 @@ mod tests {
         let plan = session.plan().expect("it is prepared");
         let rounds = [3.0, 9.0, 4.0].map(round).into();
         let found = alone(plan, &rounds, &rounds).expect("timestamps");
-        assert_eq!((found.gpu_ms, found.spread_ms), (4.0, Some(6.0)));
+        assert_eq!((found.gpu_ms, found.spread_ms, found.exact_spread_ms), (4.0, Some(6.0), Some(6.0)));
+        assert!(found.turns.is_empty(), "{found:?}");
         assert_eq!(found.share, Share { median: 1.0, range: None });
     }
 
@@ -253,6 +264,8 @@ mod tests {
         let effort = Effort { rounds: 16, frames: 2 };
         let (own, submits) = timed(None, effort);
         assert_eq!((own.rounds, own.share.range), (4, Some((own.share.median, own.share.median))));
+        assert_eq!(Share::of(&own.turns), Some(own.share));
+        assert!(own.turns.len() == 8 && own.exact_spread_ms == Some(0.0), "{own:?}");
         assert!(submits >= 2 * 2 + 8 * 2, "two turns of a warm-up at least, and eight turns: {submits}");
         // Each timestamp is one tick, so a frame takes one tick unless its passes have timestamps, too.
         assert!(own.share.median == 1.0 && own.busy <= 1.0, "{own:?}");

@@ -175,6 +175,8 @@ mod tests {
                 spread_ms: None,
                 share: Share::EXACT,
                 exact_ms: ms,
+                exact_spread_ms: None,
+                turns: Vec::new(),
                 rounds: 8,
                 busy: 1.0,
                 phases: [("draw".into(), ms)].into(),

@@ -525,6 +525,8 @@ pub(crate) mod testing {
             spread_ms: Some(0.1),
             share: Share { median: share, range: Some((share - half, share + half)) },
             exact_ms: 4.0,
+            exact_spread_ms: Some(0.1),
+            turns: vec![share; 8],
             rounds: 8,
             busy: 0.9,
             phases: [("draw".to_string(), ms)].into(),
