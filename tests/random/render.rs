@@ -174,7 +174,8 @@ impl Writer<'_> {
         match node {
             Node::Pass(at) => {
                 let pass = &self.sketch.passes[*at];
-                pass.salt.is_multiple_of(2) || pass.uses().all(|(what, _)| matches!(what.of, Target::Buffer(_)))
+                pass.salt.is_multiple_of(2)
+                    || pass.uses().all(|(what, _)| matches!(what.of, Target::Buffer(_)))
             }
             Node::Swap(..) => true,
             Node::Repeat(_, body) => body.iter().all(|node| self.fits_a_part(node)),
