@@ -150,6 +150,8 @@ fn what_files_of_gltf_lose_is_told_and_cameras_that_are_written_are_no_loss() {
     assert!(place.done("convert s.gltf out.spz").contains(&format!("  lost: {cameras}")));
     assert!(place.fails("convert s.gltf out.glb --strict", 1).contains("found cameras: 1"));
     place.done("convert s.gltf out.glb --strict -c s.gltf --write-cameras out.json");
+    let others = "convert s.gltf out.glb --strict -c cameras.json --write-cameras others.json";
+    assert!(place.fails(others, 1).contains("found cameras: 1"));
 
     let mesh = r#"{"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 0}}]}],

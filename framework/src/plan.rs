@@ -7,7 +7,7 @@
 //! from the accesses of the passes, so a backend looks for no conflicts itself. Each backend lowers the lists to the
 //! primitives of its API: barriers in Vulkan; encoders, fences and barriers in Metal.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::ops::Range;
 
 use indexmap::IndexSet;
@@ -258,6 +258,16 @@ impl Plan {
         let block = self.resource(id).block.map(|block| &self.blocks[block.index()]);
         block.into_iter().flat_map(|block| &block.aliases).copied().filter(move |other| *other != id)
     }
+}
+
+/// Sums the bytes of resources. A plane of the scene that several includes import is one buffer, and counts once.
+pub fn distinct_bytes<'a>(resources: impl Iterator<Item = &'a Resource>) -> u64 {
+    let mut planes = HashSet::new();
+    let is_new = |resource: &&'a Resource| match &resource.source {
+        Source::Scene { attribute, plane } => planes.insert((attribute, *plane)),
+        _ => true,
+    };
+    resources.filter(is_new).map(Resource::bytes).fold(0, u64::saturating_add)
 }
 
 /// A construct of a graph that is allowed but probably unintended.

@@ -9,8 +9,8 @@ use splatgraph_vulkan::sync::{Barrier, Barriers};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use super::builds::{barriers, for_all, shown};
-use super::recipe::{Half, LARGE, Role};
-use super::sketch::Target;
+use super::recipe::{Half, Kind, LARGE, Role};
+use super::sketch::{Pass as Sketched, Target};
 use crate::common::say;
 
 /// Returns true if the frame's first pass that uses a resource fills it or clears it as a target.
@@ -47,8 +47,20 @@ fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
                 .iter()
                 .any(|pass| pass.uses().any(|(what, _)| what.of == of && what.half == Half::Last));
             // Nor does it show which passes only ask for a size, which needs no contents.
-            let mut binds = sketch.passes.iter().flat_map(|pass| &pass.binds);
-            let sized = binds.any(|bind| bind.what.of == of && !bind.reads && !bind.writes);
+            let binds =
+                || sketch.passes.iter().flat_map(|pass| &pass.binds).filter(|bind| bind.what.of == of);
+            let sized = binds().any(|bind| !bind.reads && !bind.writes);
+            let keeps = |pass: &Sketched| match &pass.work {
+                Kind::Draw { targets, .. } => {
+                    targets.iter().any(|(at, keep)| *keep && Target::Image(*at) == of)
+                }
+                _ => false,
+            };
+            let read = binds().any(|bind| bind.reads) || sketch.passes.iter().any(keeps);
+            let overwrites = |id: &ResourceId| {
+                let uses = |pass: &Pass| pass.uses.iter().any(|touch| touch.resource == *id);
+                plan.passes.iter().any(|pass| uses(pass) && pass.overwrites(*id))
+            };
             let once = |id: &ResourceId| {
                 let passes = plan.prologue.iter().map(|pass| plan.pass(*pass));
                 let passes = passes.filter(|pass| !matches!(pass.work, PlanWork::ClearHistory { .. }));
@@ -67,7 +79,8 @@ fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
             match live {
                 0 if halves.is_empty() => {}
                 0 if names.len() == 2 && halves.iter().any(|id| starts_anew(plan, *id) && !once(id)) => {}
-                0 if free || sized => _ = dropped.fetch_add(1, Relaxed),
+                0 if free => _ = dropped.fetch_add(1, Relaxed),
+                0 if sized && (!read || halves.iter().all(overwrites)) => {}
                 0 => return Err(format!("`{}` is not kept in\n{}", names[0], shown(plan))),
                 _ => {
                     let id = *halves.iter().find(|id| plan.resource(**id).history.is_some()).expect("live");

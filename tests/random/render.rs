@@ -169,7 +169,7 @@ impl Writer<'_> {
         }
     }
 
-    /// Returns true if a node belongs into an included graph: of the passes that access images, only about half do.
+    /// Returns true if a node belongs into an included graph. Half of the passes with images stay outside, to test both.
     fn fits_a_part(&self, node: &Node) -> bool {
         match node {
             Node::Pass(at) => {
@@ -556,11 +556,11 @@ fn store(sketch: &Sketch, slot: &Slot) -> String {
 /// Expression of a colour from the hash `h`: integers that floats represent exactly.
 const COLOR: &str = "vec4(h & 0xffffu, h >> 16, h & 0xffu, (h >> 8) & 0xffffffu)";
 
-/// Returns the vertex and the fragment shader of a draw. `targets` come with true if the draw tests depths.
+/// Returns the vertex and the fragment shader of a draw. `has_depth` is true if it has a depth attachment.
 fn draw(
     sketch: &Sketch,
     pass: &Pass,
-    (targets, tests): (&[(usize, bool)], bool),
+    (targets, has_depth): (&[(usize, bool)], bool),
     slots: &[Slot],
     all: bool,
 ) -> [String; 2] {
@@ -591,7 +591,7 @@ fn draw(
     let kept = targets.iter().any(|(_, keep)| *keep);
     let far = if kept { "1.0" } else { "3.0" };
     // The planes of two draws cross.
-    let z = if tests { "float(h % 8u) / 8.0" } else { "0.0" };
+    let z = if has_depth { "float(h % 8u) / 8.0" } else { "0.0" };
     let _ = write!(
         vertex,
         "void main() {{

@@ -14,8 +14,8 @@ use splatgraph_api::{Device, DeviceInfo, Heap};
 use splatgraph_assets::memory::display;
 use splatgraph_assets::{SceneHeader, grouped};
 use splatgraph_framework::ir::{Catalog, DeviceFacts, ReflectedKind, Shader, Shape, Source, Usage};
-use splatgraph_framework::plan::{Plan, Resource};
-use std::collections::{BTreeMap, HashSet};
+use splatgraph_framework::plan::{Plan, Resource, distinct_bytes};
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 
@@ -149,9 +149,9 @@ impl Needs {
         let is_storage =
             |r: &&Resource| matches!(r.shape, Shape::Buffer { .. }) && r.usage.contains(Usage::STORAGE);
         let storage = plan.resources.iter().filter(is_storage).map(|r| (r.name.clone(), r.bytes()));
-        let others = bytes(plan.resources.iter().filter(|r| r.source != Source::Transient));
+        let others = distinct_bytes(plan.resources.iter().filter(|r| r.source != Source::Transient));
         let all = others.saturating_add(plan.transient_bytes());
-        let loading = bytes(plan.used_once().iter().map(|id| plan.resource(*id)));
+        let loading = distinct_bytes(plan.used_once().iter().map(|id| plan.resource(*id)));
         Needs { storage: storage.collect(), total: all.saturating_sub(loading), loading }
     }
 
@@ -160,16 +160,6 @@ impl Needs {
         all.sort_by_key(|(_, bytes)| std::cmp::Reverse(**bytes));
         all.into_iter().map(|(name, bytes)| (name.clone(), *bytes)).collect()
     }
-}
-
-/// Counts the bytes of resources. A plane of the scene that several includes import is one buffer, and counts once.
-fn bytes<'a>(resources: impl Iterator<Item = &'a Resource>) -> u64 {
-    let mut planes = HashSet::new();
-    let counts = |resource: &&'a Resource| match &resource.source {
-        Source::Scene { attribute, plane } => planes.insert((attribute, *plane, resource.bytes())),
-        _ => true,
-    };
-    resources.filter(counts).map(Resource::bytes).fold(0, u64::saturating_add)
 }
 
 /// Counts the bytes of a plan's resources that stay allocated after the first frame.

@@ -213,15 +213,15 @@ impl Planner {
     /// Renders warnings about a plan with the source text; empty if there are none.
     ///
     /// The plan must have been built after the last [`Planner::forget_files`].
-    pub fn warnings(&self, of_plan: &[Warning], colour: bool) -> String {
-        let found: Vec<Diagnostic> = of_plan.iter().map(|w| w.diagnostic.clone()).collect();
+    pub fn warnings(&self, warnings: &[Warning], colour: bool) -> String {
+        let found: Vec<Diagnostic> = warnings.iter().map(|w| w.diagnostic.clone()).collect();
         render_warnings(&self.files, &found, colour)
     }
 
     /// Lists warnings about a plan as plain data; see [`Planner::warnings`].
-    pub fn plain_warnings(&self, of_plan: &[Warning]) -> Vec<PlainDiagnostic> {
+    pub fn plain_warnings(&self, warnings: &[Warning]) -> Vec<PlainDiagnostic> {
         let plain = |found| PlainDiagnostic::new(&self.files, found, Severity::Warning);
-        of_plan.iter().map(|warning| plain(&warning.diagnostic)).collect()
+        warnings.iter().map(|warning| plain(&warning.diagnostic)).collect()
     }
 
     /// Lists the parameters of `graph`, with the values of `set`; growing ones are at least [`Planner::capacities`].
@@ -359,7 +359,9 @@ fn name_ways_to_draw_pixels(has_tiles: bool, errors: &mut [Diagnostic]) {
 
 /// Lists the warnings about a plan that are not in `told`, by place and message, and adds them there.
 pub fn new_warnings(plan: &Plan, told: &mut Vec<Warning>) -> Vec<Warning> {
-    let key = |warning: &Warning| (warning.origin.clone(), warning.diagnostic.message.clone());
+    fn key(warning: &Warning) -> (&Origin, &str) {
+        (&warning.origin, &warning.diagnostic.message)
+    }
     let is_new = |warning: &&Warning| told.iter().all(|other| key(other) != key(warning));
     let new: Vec<Warning> = plan.warnings.iter().filter(is_new).cloned().collect();
     told.extend_from_slice(&new);

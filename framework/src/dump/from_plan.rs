@@ -9,10 +9,9 @@ use crate::ir::{
     Accesses, Domain, DrawCall, Groups, MemberKind, ParamBinding, Pass, PassId, ResourceId, Run, ShaderId,
     Shape, Source, Use, Value, Work,
 };
-use crate::plan::{Cause, Dependency, LayoutChange, Plan, Resource, Warning};
+use crate::plan::{Cause, Dependency, LayoutChange, Plan, Warning, distinct_bytes};
 use crate::solve;
 use indexmap::{IndexMap, IndexSet};
-use std::collections::HashSet;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::Range;
 
@@ -113,21 +112,13 @@ fn totals(plan: &Plan) -> Totals {
         transient_bytes,
         unshared_bytes,
         saved_bytes: unshared_bytes.saturating_sub(transient_bytes),
-        scene_bytes: once_each(plan.resources.iter().filter(|r| matches!(r.source, Source::Scene { .. }))),
-        freed_bytes: once_each(plan.used_once().into_iter().map(|id| plan.resource(id))),
+        scene_bytes: distinct_bytes(
+            plan.resources.iter().filter(|r| matches!(r.source, Source::Scene { .. })),
+        ),
+        freed_bytes: distinct_bytes(plan.used_once().into_iter().map(|id| plan.resource(id))),
         host_bytes: plan.resources.iter().filter(|r| r.source.is_per_frame()).map(|r| r.bytes()).sum(),
         ..Totals::default()
     }
-}
-
-/// Sums the bytes of resources. A plane of the scene counts once, however often it is imported.
-fn once_each<'a>(resources: impl Iterator<Item = &'a Resource>) -> u64 {
-    let mut planes = HashSet::new();
-    let is_new = |resource: &&'a Resource| match &resource.source {
-        Source::Scene { attribute, plane } => planes.insert((attribute, *plane)),
-        _ => true,
-    };
-    resources.filter(is_new).map(Resource::bytes).sum()
 }
 
 fn blocks(plan: &Plan) -> Vec<DumpBlock> {

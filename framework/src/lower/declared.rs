@@ -157,9 +157,13 @@ impl Declared {
         };
         let (own, others) = (default(self), default(other));
         let names = names_in(&own.0, kind);
-        // A `let`, or the variable of a repeat around an include, has its meaning only there.
+        // A `let`, a parameter that an include hides, and the variable of a repeat around an include have their meaning
+        // only there.
         let is_global = |of: &Declared, level: usize| {
             (level..=of.around.len()).all(|at| !of.unset(at).into_iter().any(|name| names.contains(name)))
+                && of.around[level..]
+                    .iter()
+                    .all(|around| !names.iter().any(|name| around.hidden.contains_key(name)))
         };
         own.0 == others.0
             && (own.1 == others.1 || is_global(self, own.2) && is_global(other, others.2))
@@ -474,11 +478,8 @@ impl Collect<'_, '_> {
                     continue;
                 }
                 let (default, remedy) = match is_shared {
-                    true => (
-                        " with another default",
-                        "give both the same default; or give this one the first one's",
-                    ),
-                    false => ("", "rename the first; or, if both mean the same, give this one its"),
+                    true => (" with another default", "give both the same default"),
+                    false => ("", "rename the first"),
                 };
                 let span =
                     first.default.as_ref().filter(|_| is_shared).map(|(setting, _)| setting.place.span());
@@ -486,7 +487,8 @@ impl Collect<'_, '_> {
                 let message = format!("this graph already has the parameter `{name_of}`{default}");
                 let error = Diagnostic::new(message, at.span(), "exposed here").with_label(span, "the first");
                 let help = format!(
-                    "{remedy} value, and do not expose it: `set: {{ \"{name_of}\": \"{name_of}\" }}`"
+                    "{remedy}; or, if both mean the same, do not expose this one, and give it the first one's value: \
+                     `set: {{ \"{name_of}\": \"{name_of}\" }}`"
                 );
                 return Err(vec![error.with_help(help)]);
             }

@@ -302,16 +302,17 @@ impl Lowering<'_> {
                     .collect();
                 let only: Vec<&String> =
                     exposed.into_iter().flatten().chain(hidden.iter().copied()).collect();
-                // `All` leaves out the parameters of `set`. All graphs of a choice must have those that `Only` names.
+                // `All` leaves out the parameters of `set`. The graphs of a choice may have different ones.
                 let is_set = hidden.iter().any(|name| set.contains_key(*name));
                 let only = format!("`expose: Only({only:?})`");
                 let write = match (is_set, opened.candidate.is_some()) {
-                    (_, true) => "`expose: All`, without them in `set`".to_string(),
-                    (true, false) => only,
+                    (true, _) => only,
+                    (false, true) => "`expose: All`".to_string(),
                     (false, false) => format!("`expose: All`, or {only}"),
                 };
                 let message = format!(
-                    "expected all parameters that are live or grow to be exposed, found {} only in the included graph",
+                    "expected parameters that are live, or grow and are not in `set`, to be exposed, found {} only in \
+                     the included graph",
                     hidden.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
                 );
                 return Err(Diagnostic::new(message, place.field("graph").span(), "included here")

@@ -355,7 +355,7 @@ impl Lowering<'_> {
                 };
                 let is_port = level.graph.ports.contains_key(name);
                 let label = match is_port && self.histories.iter().any(is_half) {
-                    true => "this port takes the front half only: declare it with `ping_pong: true`",
+                    true => "half of a ping-pong buffer: ports need `ping_pong: true` for its history",
                     false => "declared without `history: true`",
                 };
                 Err(Diagnostic::new(format!("`{name}` has no history"), span, label))

@@ -234,6 +234,38 @@ fn includes_with_equal_defaults_share_a_parameter() {
         let refused = shared(first, second).map(drop).unwrap_err();
         assert!(refused.contains("already has the parameter `q` with another default"), "{refused}");
     }
+    // Equal texts with names that mean something else in each: a `let` of each graph, and a hidden parameter.
+    let of = |value: &str| {
+        format!(
+            r#"Graph(version: 1, summary: "", let: {{"k": {value}}}, passes: [
+                Include(graph: "part", name: "p", set: {{"q": "k"}}, expose: Only(["q"]))])"#
+        )
+    };
+    let hides = part.replace("params: {", r#"params: {"width": Const(Int(default: 3, range: (1, 9))), "#);
+    let hides = hides.replace("default: 2,", r#"default: "width","#);
+    let maker = r#"Include(graph: "maker", name: "maker", expose: All),"#;
+    for (includes, part) in [
+        (
+            r#"Include(graph: "a", name: "a", expose: All), Include(graph: "b", name: "b", expose: All),"#,
+            part,
+        ),
+        (
+            r#"Include(graph: "part", name: "a", set: {"q": "width"}, expose: Only(["q"])),
+            Include(graph: "part", name: "b", expose: Only(["q"])),"#,
+            hides.as_str(),
+        ),
+    ] {
+        let whole = including(&format!("{maker} {includes}"));
+        let files = [
+            ("graph.ron", whole.as_str()),
+            ("maker.ron", MAKER),
+            ("part.ron", part),
+            ("a.ron", &of("3")),
+            ("b.ron", &of("4")),
+        ];
+        let refused = try_plan_of(&files, &[]).map(drop).unwrap_err();
+        assert!(refused.contains("`q`"), "{refused}");
+    }
 }
 
 #[test]

@@ -140,7 +140,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     let loaded = loading::load_scene(&args.input, &args.load.into())?;
     let mut notes = loaded.notes();
-    if cameras.is_some() {
+    if cameras.is_some() && args.price.takes_cameras_of(&args.input) {
         // They are kept, in a file of their own.
         notes.cameras = 0;
     }

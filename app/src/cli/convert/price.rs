@@ -63,6 +63,11 @@ impl PriceArgs {
             .map_or_else(|| Ok(Vec::new()), |spec| cameras::parse(spec, self.ignore_distortion))?)
     }
 
+    /// Returns true if `--cameras` names all cameras of this file.
+    pub(super) fn takes_cameras_of(&self, file: &Path) -> bool {
+        self.cameras.as_deref().is_some_and(|spec| Path::new(spec) == file)
+    }
+
     pub(super) fn json(&self) -> Option<&Path> {
         self.json.as_deref()
     }
