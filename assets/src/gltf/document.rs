@@ -14,6 +14,9 @@ pub(super) const SPLATTING: &str = "KHR_gaussian_splatting";
 /// Name of the first extension with an SPZ file, in 3D Tiles of 2025. It is the primitive's only one.
 const FIRST_SPZ: &str = "KHR_spz_gaussian_splats_compression";
 
+/// Extension that hides nodes.
+pub(crate) const VISIBILITY: &str = "KHR_node_visibility";
+
 /// Maximum number of primitives of splats over all nodes. A node with many primitives is a few bytes of JSON.
 const MAX_PLACED: usize = 1 << 17;
 
@@ -224,11 +227,13 @@ pub(super) struct Splats<'a> {
 }
 
 impl Document {
-    /// Parses the JSON. Fails if it requires any extension besides those for splats and `KHR_mesh_quantization`.
+    /// Parses the JSON. Fails if it requires any extension besides those for splats, `KHR_mesh_quantization` and
+    /// [`VISIBILITY`].
     pub(super) fn parse(text: &[u8]) -> Result<Self, SceneError> {
         let document = Self::read(text)?;
         let unknown = |name: &&String| {
-            !name.starts_with(SPLATTING) && ![FIRST_SPZ, "KHR_mesh_quantization"].contains(&name.as_str())
+            !name.starts_with(SPLATTING)
+                && ![FIRST_SPZ, "KHR_mesh_quantization", VISIBILITY].contains(&name.as_str())
         };
         match document.extensions_required.iter().find(unknown) {
             Some(name) if name.contains("spz") => Err(DRAFT),
@@ -299,6 +304,14 @@ impl Document {
         found
     }
 
+    /// Iterates over the primitives of splats without SPZ in all meshes, whatever shows them.
+    pub(super) fn unpacked(&self) -> impl Iterator<Item = &Primitive> {
+        self.meshes.iter().flat_map(Mesh::splats).filter(|primitive| {
+            let Extensions { splatting, first_spz } = &primitive.extensions;
+            first_spz.is_none() && splatting.as_ref().is_none_or(|splatting| splatting.extensions.is_empty())
+        })
+    }
+
     /// Lists the primitives of splats in the scene, once per node that places them. Also counts what is not read: the
     /// primitives of meshes, the cameras, and the splats of other scenes or hidden nodes. Fails if there are no splats,
     /// or more than [`MAX_PLACED`] primitives of them.
@@ -341,7 +354,8 @@ impl Document {
             (true, 0) => Err(SceneError::NotScene { found: "a glTF model without Gaussian splats".into() }),
             (true, count) => {
                 let text = format!(
-                    "expected splats in the default scene, found none, and {count} primitives of them elsewhere"
+                    "expected visible splats in the default scene, found none, \
+                     and {count} primitives of them hidden or in other scenes"
                 );
                 Err(wrong("scene", text))
             }

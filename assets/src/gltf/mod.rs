@@ -30,6 +30,6 @@ mod write;
 pub(crate) use cameras::cameras;
 pub(crate) use columns::Component;
 pub(crate) use container::{MAGIC, begins_as_gltf};
-pub(crate) use document::visible;
+pub(crate) use document::{VISIBILITY, visible};
 pub(crate) use read::{header, parse};
 pub(crate) use write::{write, write_head};

@@ -145,12 +145,14 @@ fn splat(columns: &[Column], rows: [&[u8]; MAX_COLUMNS], logarithmic: bool) -> (
     (splat, norm)
 }
 
-/// Returns true if the scales of a file are logarithms: one of them is negative, in any primitive.
-fn is_logarithmic(container: &Container, all: &[(usize, Splats)]) -> Result<bool, SceneError> {
-    let mut known = HashSet::new();
-    for (_, Splats { primitive, .. }) in all.iter().filter(|(_, splats)| splats.spz.is_none()) {
-        let is_new = known.insert(std::ptr::from_ref(*primitive));
-        if is_new && has_negative(&columns(container, primitive, 0)?.0[2])? {
+/// Returns true if the scales of a file are logarithms: one of them is negative, in any mesh, even in a hidden one.
+fn is_logarithmic(container: &Container) -> Result<bool, SceneError> {
+    let name = format!("{SPLATTING}:SCALE");
+    let indices = container.document.unpacked().filter_map(|primitive| primitive.attributes.get(&name));
+    for index in indices.collect::<HashSet<_>>() {
+        // The error of an unreadable column is that of the splats, if they are read at all.
+        let Ok(scales) = Column::open(container, &name, *index, 3) else { continue };
+        if has_negative(&scales)? {
             return Ok(true);
         }
     }
@@ -215,7 +217,7 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     let mut all: Vec<_> = all.into_iter().enumerate().collect();
     all.sort_by_key(|(_, splats)| splats.spz);
     SceneHeader::check_joined(&headers(&container, &all)?, 0, input.memory)?;
-    let logarithmic = is_logarithmic(&container, &all)?;
+    let logarithmic = is_logarithmic(&container)?;
     let (mut scenes, mut fields, mut measured) = (Vec::new(), Vec::new(), HashSet::new());
     for group in all.chunk_by(|(_, a), (_, b)| a.spz.is_some() && a.spz == b.spz) {
         let placed = match group[0].1.spz {

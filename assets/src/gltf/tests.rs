@@ -139,6 +139,12 @@ fn integers_are_numbers_or_shares_and_negative_scales_are_logarithms() {
     let found = Scene::parse(&glb_file::joined(&document, &binary), QUIET).unwrap();
     assert!((found.scales()[5][0] - 2f32.exp()).abs() < 1e-5, "{:?}", found.scales());
     assert!(found.size_breakdown().format.ends_with(", logarithms of scales"));
+    // The primitive with the negative logarithms is in a mesh that is not shown.
+    let other = document["meshes"][0]["primitives"].as_array_mut().unwrap().pop();
+    push(&mut document["meshes"], json!({ "primitives": [other] }));
+    document["nodes"][0]["mesh"] = json!(1);
+    let found = Scene::parse(&glb_file::joined(&document, &binary), QUIET).unwrap();
+    assert!((found.scales()[0][0] - 2f32.exp()).abs() < 1e-5, "{:?}", found.scales());
 }
 
 #[test]
@@ -165,13 +171,18 @@ fn cameras_and_splats_of_other_scenes_are_counted_and_a_default_scene_without_sp
         document["meshes"].as_array_mut().unwrap().push(mesh);
         document["nodes"] = json!([{ "mesh": 0 }, { "mesh": 1, "extensions": hide }]);
         document["scenes"] = json!([{ "nodes": [0, 1] }]);
+        document["extensionsRequired"] = json!(["KHR_node_visibility"]);
     });
     let hidden = hidden.unwrap();
     assert_eq!((hidden.count(), hidden.notes().splats_elsewhere), (5, 1));
+    let all = changed(|document| {
+        document["nodes"][0]["extensions"] = json!({ "KHR_node_visibility": { "visible": false } });
+    });
+    says(all.unwrap_err(), "found none, and 1 primitives of them hidden or in other scenes");
     let said = with(json!([{ "nodes": [0, 1] }, { "nodes": [3] }])).unwrap_err();
     says(
         said,
-        "`scene`: expected splats in the default scene, found none, and 2 primitives of them elsewhere",
+        "`scene`: expected visible splats in the default scene, found none, and 2 primitives of them hidden or in",
     );
 }
 

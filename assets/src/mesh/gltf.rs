@@ -9,7 +9,7 @@ use super::data::{Light, Mesh, MeshMaterial, Texture};
 use super::image::{self, MAX_TEXELS};
 use crate::error::{SceneError, wrong};
 use crate::file;
-use crate::gltf::{Component, MAGIC, visible};
+use crate::gltf::{Component, MAGIC, VISIBILITY, visible};
 use crate::input::{OpenFile, Source};
 use crate::json;
 use crate::similarity::Similarity;
@@ -34,7 +34,7 @@ const UNLIT: &str = "KHR_materials_unlit";
 const TEXTURE_TRANSFORM: &str = "KHR_texture_transform";
 /// Extensions that are read.
 const READ: [&str; 5] =
-    [QUANTIZATION, UNLIT, "KHR_lights_punctual", "KHR_materials_emissive_strength", "KHR_node_visibility"];
+    [QUANTIZATION, UNLIT, VISIBILITY, "KHR_lights_punctual", "KHR_materials_emissive_strength"];
 
 /// Maximum size of a buffer or an image in its own file, in bytes.
 const MAX_BYTES: u64 = 1 << 30;
@@ -50,18 +50,20 @@ impl Mesh {
     /// Parses the bytes of a glTF file. Its buffers and images are read from `folder`.
     ///
     /// # Errors
-    /// The bytes are not glTF 2.0 or are damaged, require an extension other than `KHR_mesh_quantization` and
-    /// `KHR_materials_unlit`, use `KHR_texture_transform` with the former, have primitives other than triangles, or
-    /// have no triangles; a buffer or an image cannot be read; or a limit is exceeded. The text names the accessor,
-    /// node or image.
+    /// The bytes are not glTF 2.0 or are damaged, require an extension other than `KHR_mesh_quantization`,
+    /// `KHR_materials_unlit` and `KHR_node_visibility`, use `KHR_texture_transform` with the first, have primitives
+    /// other than triangles, or have no visible triangles; a buffer or an image cannot be read; or a limit is exceeded.
+    /// The text names the accessor, node or image.
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
         check_length(bytes)?;
         json::check(json_of(bytes), json::GLTF_OBJECT).map_err(|message| wrong("glTF", message))?;
+        // Before the document of the crate: the limit of memory is for one of them.
+        let placed = visible(json_of(bytes))?;
         let gltf = Gltf::from_slice_without_validation(bytes).map_err(|error| wrong("glTF", error))?;
-        if let Some(extension) = gltf.extensions_required().find(|name| ![QUANTIZATION, UNLIT].contains(name))
-        {
-            let message =
-                format!("expected no required extension but {QUANTIZATION} and {UNLIT}, found {extension}");
+        let allowed = [QUANTIZATION, UNLIT, VISIBILITY];
+        if let Some(extension) = gltf.extensions_required().find(|name| !allowed.contains(name)) {
+            let allowed = allowed.join(", ");
+            let message = format!("expected no required extension besides {allowed}, found {extension}");
             return Err(wrong("extensionsRequired", message));
         }
         let is_quantized = gltf.extensions_required().any(|name| name == QUANTIZATION);
@@ -75,7 +77,7 @@ impl Mesh {
         json.extensions_required.clear();
         check_accessors(&json)?;
         let document = Document::from_json(json).map_err(invalid)?;
-        check_reads(&document)?;
+        check_reads(&document, &placed)?;
         let files = Files::read(&document, folder)?;
         let buffers = document.buffers().map(|buffer| {
             let part = format!("buffer {}", buffer.index());
@@ -104,10 +106,10 @@ impl Mesh {
             materials: HashMap::new(),
             mesh: Self::default(),
         };
-        let has_other_lights = reader.nodes(visible(json_of(bytes))?)?;
+        let has_other_lights = reader.nodes(placed)?;
         reader.mesh.left_out.extend(left_out(&document, has_other_lights));
         match reader.mesh.triangles.is_empty() {
-            true => Err(wrong("meshes", "expected triangles, found none")),
+            true => Err(wrong("meshes", "expected visible triangles in the default scene, found none")),
             false => Ok(reader.mesh),
         }
     }
@@ -149,8 +151,8 @@ fn check_accessors(json: &gltf::json::Root) -> Result<(), SceneError> {
     Ok(())
 }
 
-/// Checks the work of all nodes together: many nodes can place a mesh of many primitives that share their positions.
-fn check_reads(document: &Document) -> Result<(), SceneError> {
+/// Checks the work of all `placed` nodes: many can place a mesh of many primitives that share their positions.
+fn check_reads(document: &Document, placed: &[(usize, DMat4)]) -> Result<(), SceneError> {
     /// Positions that are read in the time that a primitive takes without them.
     const PRIMITIVE: u64 = 1 << 8;
     // A reader refuses an accessor with more elements than bytes.
@@ -161,7 +163,8 @@ fn check_reads(document: &Document) -> Result<(), SceneError> {
     };
     let of_mesh = |mesh: gltf::Mesh| mesh.primitives().map(reads).fold(0, u64::saturating_add);
     let of_meshes: Vec<u64> = document.meshes().map(of_mesh).collect();
-    let placed = document.nodes().filter_map(|node| node.mesh());
+    let meshes: Vec<_> = document.nodes().map(|node| node.mesh()).collect();
+    let placed = placed.iter().filter_map(|(node, _)| meshes[*node].as_ref());
     match placed.map(|mesh| of_meshes[mesh.index()]).fold(0, u64::saturating_add) {
         found if found > MAX_READ => {
             let message = format!("expected at most {MAX_READ} positions and indices in all, found {found}");
@@ -213,7 +216,8 @@ fn invalid(error: gltf::Error) -> SceneError {
             let (path, first) = &errors[0];
             let more = errors.len() - 1;
             let others = if more > 0 { format!(", and {more} more") } else { String::new() };
-            let advice = match path.as_str().ends_with(".source") {
+            let is_missing = matches!(first, gltf::json::validation::Error::Missing);
+            let advice = match is_missing && path.as_str().ends_with(".source") {
                 true => "; only PNG and JPEG are read, not the images of extensions",
                 false => "",
             };
@@ -281,6 +285,11 @@ impl<'a> Reader<'a> {
         // Converts from axes left, up and front (glTF) to right, down and front, as for splats in glTF.
         let axes = DMat4::from_scale(DVec3::new(-1.0, -1.0, 1.0));
         let nodes: Vec<_> = self.document.nodes().collect();
+        // All meshes share the origin of the first one that is far from 0.
+        let origins = placed.iter().filter(|(index, _)| nodes[*index].mesh().is_some());
+        let mut origins = origins.map(|(_, place)| (axes * *place).w_axis.truncate());
+        let is_far = |at: &DVec3| (Similarity::FAR..=Similarity::FARTHEST).contains(&at.abs().max_element());
+        self.mesh.origin = origins.find(is_far).unwrap_or_default().into();
         let mut has_other_lights = false;
         for (index, place) in placed {
             let (node, world) = (&nodes[index], axes * place);
@@ -295,11 +304,6 @@ impl<'a> Reader<'a> {
                 }
             }
             let Some(mesh) = node.mesh() else { continue };
-            let origin = world.w_axis.truncate();
-            let is_far = (Similarity::FAR..=Similarity::FARTHEST).contains(&origin.abs().max_element());
-            if is_far && self.mesh.positions.is_empty() {
-                self.mesh.origin = origin.into();
-            }
             for primitive in mesh.primitives() {
                 self.primitive(&primitive, &world, &format!("node {index}"))?;
             }

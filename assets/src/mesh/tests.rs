@@ -64,7 +64,14 @@ fn a_written_mesh_reads_as_the_same_mesh() {
 #[test]
 fn a_mesh_far_from_the_origin_keeps_its_precision_beside_splats_there() {
     let nodes = "\"translation\":[500000.3,0,0],\"children\":[1]},{\"translation\":[0,0,2],\"mesh\":0";
-    let read = Mesh::parse(changed("\"mesh\":0", nodes).as_bytes(), None).unwrap();
+    let text = changed("\"mesh\":0", nodes);
+    // A near mesh, in front of the others.
+    let beside = text
+        .replace("\"nodes\":[0]", "\"nodes\":[2,0]")
+        .replace("}],\n        \"meshes\"", "},{\"mesh\":0}],\"meshes\"");
+    let read = Mesh::parse(beside.as_bytes(), None).unwrap();
+    assert_eq!((read.origin, read.positions[4]), ([-500_000.3, 0.0, 2.0], [-1.0, 0.0, 0.0]));
+    let read = Mesh::parse(text.as_bytes(), None).unwrap();
     assert_eq!((read.origin, read.positions[1]), ([-500_000.3, 0.0, 2.0], [-1.0, 0.0, 0.0]));
     let scene = Scene::generate(3, 0, splat).with_offset([-500_000.0, 0.0, 0.0]);
     let scene = scene.beside(&read, &Similarity::IDENTITY);
@@ -131,7 +138,9 @@ fn nodes_below_a_hidden_one_are_not_read() {
     let text = changed("\"mesh\":0", hidden).replace(r#"{"nodes":[0]}"#, r#"{"nodes":[0,1]}"#);
     assert_eq!(Mesh::parse(text.as_bytes(), None).unwrap().triangles.len(), 1);
     let shown = text.replace("false", "true");
-    assert_eq!(Mesh::parse(shown.as_bytes(), None).unwrap().triangles.len(), 2);
+    let required =
+        shown.replace("\"scene\":0,", "\"scene\":0,\"extensionsRequired\":[\"KHR_node_visibility\"],");
+    assert_eq!(Mesh::parse(required.as_bytes(), None).unwrap().triangles.len(), 2);
 }
 
 #[test]
@@ -259,11 +268,22 @@ fn mistakes_are_told_with_their_part() {
             "\"textures\":[{}],\"scene\":0,",
             "only PNG and JPEG are read, not the images of extensions",
         ),
+        (
+            "\"scene\":0,",
+            "\"textures\":[{\"source\":9}],\"scene\":0,",
+            "found: textures[0].source: Index out of bounds",
+        ),
+        (
+            "{\"mesh\":0}",
+            "{\"mesh\":0,\"extensions\":{\"KHR_node_visibility\":{\"visible\":false}}}",
+            "expected visible triangles in the default scene, found none",
+        ),
         ("{\"POSITION\":0}", "{\"POSITION\":9}", "expected an accessor below 1, found 9"),
         ("\"scene\":0,", "\"scene\":0,\"extensionsRequired\":[\"KHR_x\"],", "found KHR_x"),
     ] {
         let text = said(from, to);
         assert!(text.contains(expected), "{to}: {text}");
+        assert!(!text.contains("bounds; only PNG"), "{text}");
     }
 }
 
@@ -273,6 +293,10 @@ fn positions_are_counted_for_every_node_and_primitive_that_reads_them() {
     let text = changed(r#"{"attributes":{"POSITION":0}}"#, &primitives);
     let nodes = vec![r#"{"mesh":0}"#; 1500].join(",");
     let text = text.replace(r#""nodes":[{"mesh":0}"#, &format!(r#""nodes":[{nodes}"#));
+    // The scene has one of the nodes.
+    assert_eq!(Mesh::parse(text.as_bytes(), None).unwrap().triangles.len(), 1500);
+    let roots = (0..1500).map(|node| node.to_string()).collect::<Vec<_>>().join(",");
+    let text = text.replace("{\"nodes\":[0]}", &format!("{{\"nodes\":[{roots}]}}"));
     let said = Mesh::parse(text.as_bytes(), None).unwrap_err();
     says(said, "`nodes`: expected at most 536870912 positions and indices in all, found 582750000");
 }

@@ -139,11 +139,9 @@ impl FileNotes {
     /// Lists the nonzero numbers of clamped opacities and of what is not read, a phrase for each.
     pub fn left_out(&self) -> Vec<String> {
         let nodes = counted(self.lod_nodes, "nodes of a tree of levels of detail above its leaves");
-        let outside = "primitives of splats outside the default scene or hidden";
-        let elsewhere = advised(self.splats_elsewhere, outside, "they are not read");
         let advice = "`--cameras` reads them, and `convert --write-cameras` writes them";
         let cameras = advised(self.cameras, "cameras", advice);
-        let all = [nodes, self.clamped(), self.mesh_left_out(), elsewhere, cameras];
+        let all = [nodes, self.clamped(), self.mesh_left_out(), self.splats_left_out(), cameras];
         all.into_iter().flatten().collect()
     }
 
@@ -156,6 +154,12 @@ impl FileNotes {
     pub fn mesh_left_out(&self) -> Option<String> {
         let advice = "in a file of its own, a mesh is drawn";
         advised(self.mesh_primitives, "mesh primitives beside the splats", advice)
+    }
+
+    /// Reports how many primitives of splats of the file were not read. `None` if there are none.
+    pub fn splats_left_out(&self) -> Option<String> {
+        let outside = "primitives of splats outside the default scene or hidden";
+        advised(self.splats_elsewhere, outside, "they are not read")
     }
 
     pub(crate) fn without_tags(self) -> Self {

@@ -45,12 +45,13 @@ fn cameras_of_gltf_are_pinholes_or_orthographic() {
 fn nodes_that_mirror_or_skew_a_camera_turn_it_without_that() {
     let front = |text: &'static str| gltf(|all| all.replace("[2, 3, 4]", text)).unwrap().remove(0);
     assert_eq!(front("[-2, 3, 4]"), front("[2, 3, 4]"));
-    // The node above skews x and y: the camera still looks along z, upright.
+    // The node above skews x and y: the camera keeps the direction of z, and that of y, which is (-1, 5) here.
     let rotated = "[2, 3, 4], \"rotation\": [0, 0, 0.3826834323650898, 0.9238795325112867]";
     let skewed =
         gltf(|all| all.replace("[0, 0, 2]", "[0, 0, 2], \"scale\": [1, 5, 1]").replace("[2, 3, 4]", rotated));
-    let view = skewed.unwrap()[0].to_view([0.0, 0.0, 0.0]);
-    assert!((0..3).all(|axis| (view[axis] - [0.0, 0.0, 5.0][axis]).abs() < 1e-9), "{view:?}");
+    let view = skewed.unwrap()[0].to_view([1.0, -5.0, 0.0]);
+    let expected = [0.0, -26f64.sqrt(), 5.0];
+    assert!((0..3).all(|axis| (view[axis] - expected[axis]).abs() < 1e-9), "{view:?}");
 }
 
 #[test]
