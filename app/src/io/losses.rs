@@ -106,14 +106,15 @@ pub fn after_rows(scene: &Scene) -> Option<String> {
 
 /// Describes what is unusual about a loaded scene, one text for each peculiarity.
 ///
-/// These are dropped splats, clamped opacities, a mesh or parts of one that are left out, coarse positions, properties
-/// and tags that are not used, and data after the last row.
+/// These are dropped splats, clamped opacities, splats and meshes or parts of one that are left out, coarse positions,
+/// properties and tags that are not used, and data after the last row.
 pub fn notes(scene: &Scene) -> Vec<String> {
     let dropped = scene.dropped();
     let texts = [
         (dropped.total() > 0).then(|| format!("{} dropped ({dropped})", splats(dropped.total()))),
         scene.notes().clamped(),
         scene.notes().mesh_left_out().map(|mesh| format!("left out: {mesh}")),
+        scene.notes().splats_left_out().map(|splats| format!("left out: {splats}")),
         skipped(scene)
             .map(|names| format!("properties that are not read, although they may matter: {names}")),
         after_rows(scene).map(|data| format!("not read: {data}")),
@@ -476,6 +477,15 @@ mod tests {
 
     fn spread(index: usize) -> [f32; 3] {
         [0.01 * index as f32, 1.0, 0.02 * index as f32]
+    }
+
+    #[test]
+    fn hidden_splats_of_a_file_are_noted() {
+        let hidden = FileNotes { splats_elsewhere: 2, ..FileNotes::default() };
+        let scene = Scene::generate(10, 0, |index| splat(spread(index))).with_notes(hidden);
+        let expected =
+            "left out: primitives of splats outside the default scene or hidden: 2; they are not read";
+        assert_eq!(notes(&scene), [expected]);
     }
 
     #[test]
