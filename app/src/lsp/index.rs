@@ -74,6 +74,8 @@ struct Shader {
     words: Vec<Word>,
     /// Files that the shader includes, each with the range of its name.
     includes: Vec<(Range<usize>, FileId)>,
+    /// True if the shader itself includes `live.glsl`, which is generated.
+    includes_live: bool,
 }
 
 #[derive(Default)]
@@ -195,8 +197,11 @@ impl Index {
             Word::Name(_) | Word::Local(_) => None,
         });
         let includes: Vec<(Range<usize>, FileId)> = included.collect();
+        let is_live =
+            |word: &Word| matches!(word, Word::Include(range) if text[range.clone()] == *"live.glsl");
+        let includes_live = words.iter().any(is_live);
         self.paths.insert(file, (path, text));
-        self.shaders.insert(file, Shader { words, includes: includes.clone() });
+        self.shaders.insert(file, Shader { words, includes: includes.clone(), includes_live });
         for (_, included) in includes {
             self.read_shader(planner, included);
         }
@@ -443,16 +448,22 @@ impl Index {
             }
             know(capital, Form::Macro);
         }
-        for (shader, read) in self.with_includes(self.graphs[&file].shaders.values().copied()) {
+        let shaders = self.graphs[&file].shaders.values().copied();
+        let has_live = |shader: &FileId| self.with_includes([*shader]).any(|(_, read)| read.includes_live);
+        let live = self.with_includes(shaders.clone().filter(has_live)).map(|(shader, _)| shader);
+        let live: BTreeSet<FileId> = live.collect();
+        for (shader, read) in self.with_includes(shaders) {
             for word in &read.words {
-                // Macros replace every word. A live parameter is hidden by a name that the shader declares.
+                // Macros replace every word. A live parameter exists only beside `live.glsl`, and is hidden by a name
+                // that the shader declares.
                 let (range, is_local) = match word {
                     Word::Name(range) => (range, false),
                     Word::Local(range) => (range, true),
                     Word::Include(_) => continue,
                 };
                 let known = known.get(&self.paths[&shader].1[range.clone()]);
-                let known = known.filter(|(_, form, _)| !is_local || *form == Form::Macro);
+                let is_live = !is_local && live.contains(&shader);
+                let known = known.filter(|(_, form, _)| is_live || *form == Form::Macro);
                 if let Some((length, form, declarations)) = known {
                     let name = Found::new(range.start + length, *form, declarations.clone(), Vec::new());
                     found.push(((shader, range.start), name));

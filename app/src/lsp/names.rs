@@ -213,7 +213,9 @@ pub fn words(text: &str) -> Vec<Word> {
             let length = rest.find(|c| !continues_name(c)).unwrap_or(rest.len());
             let (word, range) = (&rest[..length], at..at + length);
             if c.is_ascii_digit() || after_a_dot {
-                scopes.sign(c);
+                if !is_directive {
+                    scopes.sign(c);
+                }
             } else {
                 let is_local = if is_directive { scopes.contains(word) } else { scopes.word(word) };
                 found.push(if is_local { Word::Local(range) } else { Word::Name(range) });
@@ -232,7 +234,7 @@ pub fn words(text: &str) -> Vec<Word> {
             at += c.len_utf8();
         }
     }
-    if !scopes.is_balanced() {
+    if !scopes.is_known() {
         for word in &mut found {
             if let Word::Local(range) = word {
                 *word = Word::Name(range.clone());
@@ -338,6 +340,11 @@ mod tests {
             ("void f() {\n#if A\nfloat r = 1.0;\n#endif\ng(r); }", "00"),
             ("struct S {\n#if A\nfloat r;\n#endif\n}; void f() { g(r); }", "10"),
             ("#ifndef G\n# define G\nvoid f(float r) { g(r); }\n#endif\nfloat s = r;", "110"),
+            ("void f() { if (a) { float r; r; } else { r; } } void g(float r) { r; }", "11011"),
+            // The names ahead of a body or a statement may belong to a second one, so the scopes are unknown.
+            ("void f(float r)\n#if A == 1\n{ r; }\n#elif B == 2\n{ 2.0 * r; }\n#endif", "000"),
+            ("void f() { for (int r = 0; r < 3; r++) if (a) { int s; g(r); } else { h(r); } }", "00000"),
+            ("void f() { for (int r = 0; r < 3; r++) if (a) g(r); else h(r); }", "00000"),
             // Each branch of the directives closes the bracket, so the scopes are unknown.
             ("void f(float r) {\n#if A\nr; }\n#else\nr; }\n#endif", "000"),
         ] {

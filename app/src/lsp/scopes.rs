@@ -13,6 +13,8 @@ pub struct Scopes<'a> {
     open: Vec<Block<'a>>,
     /// Names for the next body or statement: a function's arguments, and the variables of `for`.
     ahead: Vec<&'a str>,
+    /// True directly after a body or statement with names ahead of it.
+    is_behind: bool,
     /// The last declared name, until its initialiser ends, and the number of open brackets around it.
     pending: Option<(usize, &'a str)>,
     /// Number of open brackets around a declaration that a comma continues.
@@ -21,7 +23,7 @@ pub struct Scopes<'a> {
     declares: bool,
     /// Number of `#if` around the position.
     conditions: usize,
-    is_balanced: bool,
+    is_known: bool,
 }
 
 struct Block<'a> {
@@ -29,6 +31,8 @@ struct Block<'a> {
     bracket: char,
     /// Names that the block declares.
     names: Vec<&'a str>,
+    /// True if there were names ahead of the block.
+    is_body: bool,
     /// Number of `#if` around the opening bracket.
     conditions: usize,
     /// True for the members of a struct, of a buffer or of a uniform block.
@@ -38,18 +42,26 @@ struct Block<'a> {
 impl<'a> Scopes<'a> {
     pub fn new() -> Scopes<'a> {
         Scopes {
-            open: vec![Block { bracket: ' ', names: Vec::new(), conditions: 0, is_struct: false }],
+            open: vec![Block {
+                bracket: ' ',
+                names: Vec::new(),
+                is_body: false,
+                conditions: 0,
+                is_struct: false,
+            }],
             ahead: Vec::new(),
+            is_behind: false,
             pending: None,
             list: None,
             declares: false,
             conditions: 0,
-            is_balanced: true,
+            is_known: true,
         }
     }
 
     /// Takes the next word. Returns true if the shader declares it, at the position or before.
     pub fn word(&mut self, word: &'a str) -> bool {
+        self.is_known &= !(std::mem::take(&mut self.is_behind) && word == "else");
         let is_declared = std::mem::replace(&mut self.declares, !NO_TYPES.contains(&word))
             && self.open.last().is_some_and(|b| b.is_struct || b.conditions == self.conditions);
         if is_declared {
@@ -73,22 +85,26 @@ impl<'a> Scopes<'a> {
         {
             block.names.push(name);
         }
+        self.is_known &= !(std::mem::take(&mut self.is_behind) && sign == '{');
         match sign {
             ';' => {
                 self.list = None;
                 if self.open.last().is_some_and(|block| block.bracket != '(') {
+                    self.is_behind = !self.ahead.is_empty();
                     self.ahead.clear();
                 }
             }
             '(' | '[' | '{' => {
                 let names = if sign == '{' { std::mem::take(&mut self.ahead) } else { Vec::new() };
                 let (conditions, is_struct) = (self.conditions, sign == '{' && follows_name);
-                self.open.push(Block { bracket: sign, names, conditions, is_struct });
+                let is_body = !names.is_empty();
+                self.open.push(Block { bracket: sign, names, is_body, conditions, is_struct });
             }
             ')' | ']' | '}' => {
                 let closed = self.open.pop();
                 let bracket = closed.as_ref().map_or(' ', |block| block.bracket);
-                self.is_balanced &= matches!((bracket, sign), ('(', ')') | ('[', ']') | ('{', '}'));
+                self.is_known &= matches!((bracket, sign), ('(', ')') | ('[', ']') | ('{', '}'));
+                self.is_behind = closed.as_ref().is_some_and(|block| block.is_body);
                 if sign == ')' {
                     self.ahead.extend(closed.into_iter().flat_map(|block| block.names));
                 }
@@ -108,9 +124,9 @@ impl<'a> Scopes<'a> {
         }
     }
 
-    /// Returns true at the end of a shader whose brackets match. In others, such as one that closes a bracket in both
-    /// `#if` and `#else`, the scopes are wrong.
-    pub fn is_balanced(&self) -> bool {
-        self.is_balanced && self.open.len() == 1
+    /// Returns true at the end of a shader whose scopes are known: its brackets match, and names ahead of a body or a
+    /// statement are not ahead of a second one, too. A shader that closes a bracket in both `#if` and `#else` is none.
+    pub fn is_known(&self) -> bool {
+        self.is_known && self.open.len() == 1
     }
 }

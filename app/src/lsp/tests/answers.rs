@@ -373,6 +373,12 @@ fn a_live_parameter_is_no_argument_and_no_member_of_the_same_name() {
         ("a.comp".to_owned(), shader.replace("extent", "size")),
     ]);
     assert_eq!(editor.renamed(place, "size"), Ok(expected));
+    // A shader without `live.glsl` has no live parameters, but may have a member of the name.
+    editor.write("c.ron", &graph("c.comp"));
+    editor.write("c.comp", &SHADER.replace("table", "extent"));
+    let place = editor.place("c.ron", &graph("c.comp").replace("\"extent", "\"ex|tent"));
+    let expected = BTreeMap::from([("c.ron".to_owned(), graph("c.comp").replace("extent", "size"))]);
+    assert_eq!(editor.renamed(place, "size"), Ok(expected));
     let place = editor.place("common.glsl", &common.replace("< extent", "< ex|tent"));
     assert_eq!(editor.defined(place), []);
     editor.end();
