@@ -184,7 +184,7 @@ const WITHOUT_DIAGNOSTICS: [&str; 4] = ["msl", "dump", "oracle", "reload"];
 /// Messages that no golden file shows. Each entry is a source file or folder, or a source file and the start of a
 /// message.
 const NOT_SHOWN: &[&str] = &[
-    // Outputs are requested by facts, not in the file; tested in lower/tests.rs.
+    // Outputs are requested by facts, not in the file; tested in lower/tests/mod.rs.
     "lower/results.rs: this graph has no output `{name}`",
     "lower/results.rs: outputs only its picture",
     "lower/results.rs: outputs {} besides its picture",
