@@ -26,10 +26,10 @@ pub(crate) fn usage(resource: &Resource) -> Usage {
 pub(crate) fn touched(pass: &Pass) -> impl Iterator<Item = (ResourceId, bool)> + '_ {
     let uses = pass.uses.iter().map(|used| (used.resource, used.accesses.writes()));
     let bound = pass.bindings.iter().map(|binding| (binding.resource, false));
+    // In plans of the framework, `uses` has these accesses, too; plans of tests may lack them.
     let own = match pass.work {
         Work::Fill { buffer, .. } => Some((buffer, true)),
         Work::ClearHistory { resource } => Some((resource, true)),
-        // All other accesses are in `uses`.
         Work::Dispatch { .. } | Work::Draw { .. } | Work::Export | Work::Host => None,
     };
     uses.chain(bound).chain(own)

@@ -275,7 +275,7 @@ fn set_aside(path: Option<&Path>, bytes: &[u8]) -> Result<(PathBuf, bool), outpu
     Ok((copy, removed))
 }
 
-/// What [`Book::open`] keeps of an earlier ledger.
+/// The parts of an earlier ledger that [`Book::open`] keeps.
 #[derive(Default)]
 struct Found {
     rows: Vec<Row>,
