@@ -24,7 +24,7 @@ pub use splatgraph_vulkan::sync;
 
 /// Dumps a plan with its Vulkan barriers.
 ///
-/// If no valid barriers are found, the dump contains a warning instead. Loading such a plan fails.
+/// If no valid barriers are found, the dump contains a warning instead. A Vulkan device refuses to load such a plan.
 pub fn dump(plan: &Plan) -> Dump {
     sync::dump::add_barriers(dump::dump(plan), plan, sync::barriers(plan).as_ref())
 }

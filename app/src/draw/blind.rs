@@ -90,13 +90,15 @@ fn too_near(rules: &Rules) -> String {
     )
 }
 
-/// Computes the share of the picture that a splat would cover without the near plane. `None` if the splat is beyond the
-/// near plane, or its centre is not in the picture.
+/// Computes the share of the picture that a splat would cover without the near plane, weighted by its opacity.
+///
+/// At most [`LARGEST_AREA`]. `None` if the splat is beyond the near plane or behind the camera, or if its centre is
+/// outside the picture or too faint to be drawn.
 fn cut_area(scene: &Scene, index: u32, (camera, rules): &View) -> Option<f64> {
     let view = glam::DVec3::from(camera.to_view(scene.positions()[index as usize].map(f64::from)));
     let is_sphere = camera.projection.sees_behind() && rules.key_of == KeyOf::Distance;
     let depth = if is_sphere { view.length() } else { view.z };
-    // Most splats are rejected before they are projected. A pinhole's principal point is inside the picture.
+    // Rejects most splats before they are projected, assuming that a pinhole's principal point is inside the picture.
     let is_outside = |v: f64, focal: f64, side: u32| (v * focal).abs() > depth * f64::from(side);
     let is_aside =
         is_outside(view.x, camera.fx, camera.width) || is_outside(view.y, camera.fy, camera.height);
@@ -110,7 +112,7 @@ fn cut_area(scene: &Scene, index: u32, (camera, rules): &View) -> Option<f64> {
 
 /// Counts the splats that the near plane cuts off in each view, and sums their shares of the picture.
 ///
-/// Splats farther from a camera than twice the near plane are not counted. There are some in views above 120 degrees.
+/// Splats farther from a camera than twice the near plane may be missed. Only views wider than 120 degrees have any.
 fn cut_off(scene: &Scene, views: &[View]) -> Vec<(u64, f64)> {
     // A grid finds the cameras at a splat: most splats are at none.
     let side = 2.0 * views.iter().map(|(_, rules)| rules.near).fold(0.0, f64::max);

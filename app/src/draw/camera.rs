@@ -176,7 +176,10 @@ pub fn mean_up(cameras: &[Camera]) -> Option<DVec3> {
     (sum.length() > 0.05 * cameras.len() as f64).then(|| sum.normalize())
 }
 
-/// Finds the direction that all cameras look along, within about 20 degrees. `None` if there is none.
+/// Computes the mean direction of cameras that look along nearly the same direction, of length 1.
+///
+/// `None` without cameras, or if the mean of their unit vectors is at most 0.95 long, as when all deviate from it by 19
+/// degrees.
 ///
 /// Such cameras may look down, and their up directions then lie along the ground. Poses alone do not tell.
 pub fn common_view(cameras: &[Camera]) -> Option<DVec3> {

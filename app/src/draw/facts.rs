@@ -113,7 +113,7 @@ pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts
 
 /// Maximum number of storage buffers in a shader of the built-in graphs.
 ///
-/// The maximum is reached by `project` for tiles, with harmonics of degree 3 and the output `depth`.
+/// The maximum is reached by `project` for tiles, with harmonics of degree 3 in f32 and the output `depth`.
 pub const MAX_STORAGE_BUFFERS: usize = 20;
 
 /// Maximum number of storage buffers in a shader that all desktop GPUs support: Apple's.

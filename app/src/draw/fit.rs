@@ -4,7 +4,7 @@
 //! built for the device itself. If that fails, it is built without the buffer limit, to find how large the buffers
 //! would be.
 //!
-//! Bisection then finds a number of splats that fits. The result is a lower bound: a few more splats might fit.
+//! If the scene does not fit, bisection finds a number of splats that does. It is a lower bound: a few more might fit.
 
 use crate::draw::facts;
 use crate::draw::planner::{GraphErrors, Planner};
@@ -123,7 +123,8 @@ pub struct Fit {
     pub splats: u64,
     /// Bytes of the resources that stay on the device. Memory shared by several resources counts once.
     pub needed_bytes: u64,
-    /// Bytes of the resources that are freed after the first frame. They may be in host memory if the device is full.
+    /// Bytes of the resources that are freed after the first frame. The scene's
+    /// planes among them may be in host memory if the device is full.
     pub loading_bytes: u64,
     /// Name and bytes of the largest storage buffer; `None` if the plan has no storage buffers.
     pub largest: Option<(String, u64)>,
@@ -322,7 +323,7 @@ fn evenly(count: u64, most: u64) -> (String, u64) {
     let few = (of, 1, kept(of, 1));
     let all = (2..=LONGEST).flat_map(|of| (1..of).map(move |keep| (of, keep, kept(of, keep))));
     let fits = all.filter(|(_, _, kept)| *kept <= most).chain([few]);
-    // Among equal shares, the shortest period comes first. 2520 is a multiple of all periods.
+    // Among equal shares, the shortest period comes first. 2520 is a multiple of all periods up to `LONGEST`.
     let (of, keep, kept) = fits.max_by_key(|(of, keep, _)| (2520 * keep / of, u64::MAX - of)).unwrap_or(few);
     let condition = if keep == 1 { format!("index % {of} == 0") } else { format!("index % {of} < {keep}") };
     (condition, kept)

@@ -141,7 +141,7 @@ fn factor(range: u32, bits: u32) -> u32 {
     factor.min(4_294_967_040.0) as u32
 }
 
-/// Computes log2 of a positive float in fixed point, with 24 fractional bits, like `fixed_log2` in the shader.
+/// Approximates 127 + log2 of a positive float, with 24 fractional bits, like `fixed_log2` in the shader.
 fn fixed_log2(z: f32) -> u32 {
     let bits = z.to_bits();
     let m = bits << 9;

@@ -182,7 +182,7 @@ impl Planner {
         Some(Span::new(file, start..start + length.max(1)))
     }
 
-    /// Adds warnings about dispatches that devices with several subgroup sizes refuse.
+    /// Adds warnings about dispatches that devices with several subgroup sizes may refuse.
     ///
     /// Such a device must run a shader with the plan's size. A pipeline can request it only if the size of its
     /// workgroups in x is a multiple of it.

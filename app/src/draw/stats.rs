@@ -222,7 +222,6 @@ pub(crate) fn is_blind(stats: &[(String, u32)]) -> bool {
     stats.iter().any(|(name, count)| name == VISIBLE && *count == 0)
 }
 
-/// Collects the reasons for a plan's parameter values, by name.
 pub(crate) fn reasons(plan: &Plan) -> BTreeMap<String, Reason> {
     plan.params.iter().filter_map(|param| Some((param.name.clone(), param.reason.clone()?))).collect()
 }

@@ -19,7 +19,7 @@ use std::path::Path;
 /// Rung of the ladder: a value of a storage parameter.
 struct Rung {
     set: (&'static str, &'static str),
-    /// PSNR against `storage=separate`, in decibels: the lower value of the two captures in docs/accuracy-tables.md.
+    /// PSNR against `storage=separate`, in decibels, rounded down: the lower of two captures, docs/accuracy-tables.md.
     psnr: u32,
 }
 

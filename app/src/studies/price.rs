@@ -18,7 +18,7 @@ const LOADS: usize = 3;
 /// The price of a format: size, error and load time of the scene's file in it.
 #[derive(Clone, Debug, Serialize)]
 pub struct Price {
-    /// Extension of the format, with a version if it has several.
+    /// Extension of the format, with the version if several are measured.
     pub format: String,
     /// The measurements, or the reason why the scene cannot be written in the format.
     #[serde(flatten)]

@@ -120,11 +120,11 @@ impl Subject {
     }
 
     /// Reads the graphs, to report mistakes before anything is measured. Returns their [files](Subject::files). Errors
-    /// of shaders are found only when a graph is drawn.
+    /// of shaders are reported only when a graph is drawn.
     ///
     /// # Errors
-    /// The subject has no camera, the device cannot create another context, a graph cannot be read, or a value of a
-    /// parameter is invalid.
+    /// The subject has no camera, the device cannot create another context, a graph cannot be read, a value of a
+    /// parameter is invalid, or a requirement of a graph is not met.
     pub fn check(&self, settings: &[Setting]) -> Result<Vec<Wanted>, StudyError> {
         let first = self.first()?;
         let mut session = self.session("", &[])?;

@@ -200,7 +200,7 @@ impl<G: Gpu> CompiledPlan<G> {
         self.would_clear(pass) || self.skipped.contains(&pass)
     }
 
-    /// Returns true if the next frame is the plan's first, and reads data that frames of other plans wrote.
+    /// Returns true if the next frame is the plan's first, and uses histories or results of other plans in place.
     pub fn continues_previous(&self) -> bool {
         !self.carried.is_empty() || self.prologue_due && !self.skipped.is_empty()
     }

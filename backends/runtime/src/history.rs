@@ -20,7 +20,7 @@ use splatgraph_framework::{ir::*, plan::*};
 /// The contents with which the state of a plan starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Start {
-    /// Histories continue from the current plan, unless the prologue writes them.
+    /// Histories continue from the current plan, unless the prologue uses them other than to clear them.
     Current,
     /// All state continues from the current plan.
     Grown,

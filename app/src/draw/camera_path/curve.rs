@@ -7,14 +7,13 @@
 //! (Shoemake, Quaternion Calculus for Fast Animation, 1987), with inner quaternions that give it these slopes.
 //!
 //! A component that is equal at two adjacent keys stays constant between them. Slopes of a component that changes
-//! little beside keys with large steps are limited, so that the camera does not spin: it overshoots by at most a sixth
-//! of a radian.
+//! little beside keys with large steps are limited, so that the camera does not spin; see [`STEEPEST`].
 //!
 //! Keys that are frames have knot intervals of 1 instead. The curve's length then counts frames, so that equal frames are
 //! a hold.
 //!
-//! Between level keys, squad rolls the camera: by 11 degrees in the demo scene. If all keys are level, this roll is
-//! removed; see [`Segment::at`].
+//! Between level keys, squad rolls the camera: by 11 degrees on a closed path through the demo scene's cameras. If all
+//! keys are level, this roll is removed; see [`Segment::at`].
 
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::{Camera, Projection};
@@ -23,12 +22,12 @@ use splatgraph_assets::{Camera, Projection};
 const STILL: f64 = 1e-9;
 /// Maximum slope: a multiple of the straight line's slope, plus a constant.
 ///
-/// Within the multiple, a cubic does not overshoot (Fritsch and Carlson, Monotone Piecewise Cubic Interpolation, 1980).
-/// The constant causes an overshoot of at most 4/27 of itself.
+/// Slopes within the multiple, in the line's direction, do not overshoot (Fritsch and Carlson, Monotone Piecewise Cubic
+/// Interpolation, 1980). The constant adds an overshoot of at most a quarter of itself.
 const STEEPEST: (f64, f64) = (3.0, 1.0);
 /// Maximum relative difference between the halves of an interval of the table, and between its length and its chord.
 const UNEVEN: f64 = 1e-3;
-/// Minimum and maximum number of bisections of a segment.
+/// Minimum and maximum depth of the bisection of a segment.
 const BISECTIONS: (u32, u32) = (4, 24);
 /// Length below which the minimum of bisections suffices, as a fraction of the summed distances between keys.
 const TINY: f64 = 1e-7;
@@ -131,11 +130,9 @@ struct Segment {
     from: View,
     /// Second key. The sign of its quaternion is chosen so that the rotation from the first key is at most 180 degrees.
     to: View,
-    /// Slopes at both ends.
+    /// Slopes at both ends, with respect to the parameter, as of `zoom` and `principal_offset`.
     position: [DVec3; 2],
-    /// Slopes at both ends.
     zoom: [DVec3; 2],
-    /// Slopes at both ends.
     principal_offset: [DVec3; 2],
     /// Inner quaternions of squad.
     inner: [DQuat; 2],
@@ -285,7 +282,7 @@ impl Curve {
 ///
 /// `steps` are the component's differences along the segments. `distances` are the distances between the keys, and
 /// `intervals` those of the knots, which are not 0. `unit` is the step of this component that counts as a distance
-/// of 1. At an end without a neighbour, a segment is straight.
+/// of 1. At an end without a neighbour, and for a constant component, the slope is the step.
 fn slopes(steps: &[DVec3], distances: &[f64], intervals: &[f64], closed: bool, unit: f64) -> Vec<[DVec3; 2]> {
     let count = steps.len();
     let beside = |at: usize, other: Option<usize>| {

@@ -36,7 +36,6 @@ impl EarlyPlan {
     }
 }
 
-/// Builds a plan for a scene, a device and a picture size.
 pub(super) fn plan_on(
     planner: &mut Planner,
     (pipeline, set): (&str, &[(String, String)]),
@@ -48,7 +47,6 @@ pub(super) fn plan_on(
     info_span!("build the plan").in_scope(|| planner.plan(pipeline, set, &facts, &catalog))
 }
 
-/// Collects the facts and the attributes of a scene for graphs.
 pub(super) fn facts_of(scene: &Scene, device: &DeviceFacts, size: (u32, u32)) -> (Facts, Catalog) {
     (facts::facts(&SceneFacts::of(scene), device, size), facts::catalog(scene))
 }

@@ -102,7 +102,7 @@ pub struct Found {
     pub mean: Figures,
     /// The views, one per camera.
     pub views: Vec<View>,
-    /// Passes that run once, when the plan is loaded. Each has a single time.
+    /// Passes that run once, in the first frame after the plan is loaded. Each has a single time.
     pub once: Vec<Part>,
     /// Device memory by name, in bytes. Candidates that read the same scene attributes share their memory.
     pub memory: Vec<BufferSize>,
@@ -223,7 +223,7 @@ impl Bench<'_> {
         let usual = || interleaved::frames_of(turn_ms / sessions.len() as f64);
         let effort = Effort { rounds: self.frames.rounds, frames: self.frames.frames.unwrap_or_else(usual) };
         let profiled = interleaved::rounds(&mut sessions, camera, effort, Timestamps::Passes)?;
-        // A single frame per round means that frames are slow: the cost of per-pass timestamps is negligible.
+        // One frame per round is the usual number for slow frames: the cost of per-pass timestamps is negligible.
         let mut whole = match effort.frames {
             1 => None,
             _ => Some(interleaved::rounds(&mut sessions, camera, effort, Timestamps::Frame)?.into_iter()),

@@ -70,7 +70,7 @@ pub struct Sh {
 /// Draws the glossiest part with bands up to each degree, and measures the errors. Changes the session's graph.
 ///
 /// Several cameras are used as the directions. A single camera is turned around the part by each of [`DEGREES`].
-/// Without cameras, or if nothing in the first picture depends on the direction, nothing is drawn.
+/// Without cameras, or if nothing in the first picture depends on the direction, [`Sh::glossy`] is `None`.
 ///
 /// # Errors
 /// The graph has errors, a picture cannot be compared, the device fails, an exact picture does not fit in memory, or

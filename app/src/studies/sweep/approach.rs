@@ -30,7 +30,7 @@ pub struct Closer {
     pub time: Option<Time>,
 }
 
-/// A straight line through the times: milliseconds of the draw = `fixed_ms` + `ns_per_fragment` * fragments.
+/// A straight line through the times: milliseconds = `fixed_ms` + 1e-6 * `ns_per_fragment` * fragments.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fit {
     /// Milliseconds that the draw takes without fragments.

@@ -95,8 +95,8 @@ impl<'a> Sessions<'a> {
     /// Measures the setting in a view, interleaved with the exact settings. `exact_ms` is [`Baseline::ms`].
     ///
     /// # Errors
-    /// The device fails, or the exact settings cannot be drawn. A setting that cannot be drawn gives a row with the
-    /// reason.
+    /// The device fails or rejects a plan, or the exact settings cannot be drawn. If the setting's graph has errors, or
+    /// its lists cannot grow enough, the result is instead a row with the reason.
     pub fn measure<'scope>(
         &mut self,
         scope: &'scope Scope<'scope, '_>,

@@ -16,7 +16,8 @@ use std::collections::HashSet;
 const MAX_INVOCATIONS: u64 = 1 << 40;
 
 /// Refuses a plan that is inconsistent ([`BackendError::Invalid`]), exceeds a limit ([`BackendError::Limit`]) or needs
-/// something that the device lacks ([`BackendError::Unsupported`]).
+/// something that the device lacks ([`BackendError::Unsupported`]). A shader feature that the device lacks is an
+/// inconsistency, because the linker has checked the features.
 ///
 /// In an accepted plan, the ids of resources, passes, shaders and blocks are in range, and resources suit the work that
 /// names them. The declared usage of bound resources is not checked.

@@ -165,9 +165,9 @@ pub fn replaceable(path: &Path) -> Result<BTreeSet<String>, StudyError> {
 impl Book {
     /// Opens the ledger in a file, with the rows of plans that have not changed, and locks the file's folder.
     ///
-    /// `plans` are the settings, each with the hash of its plans; without any, all rows and [`Ledger::same_plan`] are
-    /// kept. Also returns why rows of the file are dropped, `None` if none are. Without a path, nothing is saved. A
-    /// ledger of another program or device is set aside.
+    /// `plans` are the settings, each with the hash of its plans; without any, all rows are kept, with the entries of
+    /// their settings in [`Ledger::same_plan`]. Also returns why rows of the file are dropped, `None` if none are.
+    /// Without a path, nothing is saved. A ledger of another program or device is set aside.
     ///
     /// # Errors
     /// The file has rows of other inputs, or another process measures in the folder: rows would be lost. Or the folder

@@ -33,7 +33,7 @@ pub struct MemoryState<'a> {
     layouts: Vec<Layout>,
     /// Passes that are skipped because the plan continues their resource from a previous plan.
     skipped: Vec<PassId>,
-    /// Number of passes, barrier calls and preparations by the host so far.
+    /// Number of passes, non-empty barrier calls and preparations by the host so far.
     time: u32,
     pub findings: Findings,
 }
