@@ -201,8 +201,8 @@ impl Backend {
         Backend::open_telling(api, options, &mut |_| {})
     }
 
-    /// Opens a device, and calls `chosen` with its description before the device is created. A plan for it can be built
-    /// meanwhile, on another thread.
+    /// Opens a device, and calls `chosen` with its description: before the device is created, except
+    /// for the null device. A plan for it can be built meanwhile, on another thread.
     ///
     /// # Errors
     /// See [`Backend::open`].

@@ -73,8 +73,8 @@ pub fn of_controls(controls: &[Control]) -> Projection {
 /// Returns the projection of a graph with the parameters in `set`, before a scene is loaded. `None` for a graph with
 /// errors; building its plan reports them.
 ///
-/// `pipeline` is a preset's name or a path. The device does not matter, because all graphs of a choice have the same
-/// projection.
+/// `pipeline` is a preset's name or a path. The device is [`facts::portable_device`]: a choice on a real device may
+/// draw another graph, but all graphs of a built-in choice have the same projection.
 pub fn of_graph(pipeline: &str, set: &[(String, String)]) -> Option<Projection> {
     let facts = facts::nominal(facts::USUAL_SUBGROUP_SIZE);
     let controls = Planner::default().controls(pipeline, set, &facts, &facts::nominal_catalog());

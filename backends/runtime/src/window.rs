@@ -28,7 +28,7 @@ pub(crate) struct Swapchain<G: Gpu> {
     stale: bool,
     /// True if an image was acquired and not yet presented.
     acquired: bool,
-    /// True if the swapchain was already rebuilt after `SUBOPTIMAL`; a second `SUBOPTIMAL` is ignored.
+    /// True once a rebuild after `SUBOPTIMAL` is due or done; a second `SUBOPTIMAL` is ignored.
     rebuilt_for_suboptimal: bool,
     /// True if the swapchain must be dropped and the surface recreated. False as soon as there is a new surface, even
     /// if the window has no pixels for a swapchain yet.

@@ -9,8 +9,8 @@
 //! A component that is equal at two adjacent keys stays constant between them. Slopes of a component that changes
 //! little beside keys with large steps are limited, so that the camera does not spin; see [`STEEPEST`].
 //!
-//! Keys that are frames have knot intervals of 1 instead. The curve's length then counts frames, so that equal frames are
-//! a hold.
+//! Keys that are frames have knot intervals of 1 instead. The curve's length then counts frames, so that equal frames
+//! are a hold.
 //!
 //! Between level keys, squad rolls the camera: by 11 degrees on a closed path through the demo scene's cameras. If all
 //! keys are level, this roll is removed; see [`Segment::at`].

@@ -83,7 +83,7 @@ impl Origin {
 pub struct SceneOrigin {
     /// The file, or `demo`.
     pub scene: String,
-    /// Number of splats in the file.
+    /// Number of splats of the scene as loaded.
     pub splats: u32,
     /// The cameras, with the fields of cameras.json, in the scene's coordinates.
     pub cameras: Vec<Camera>,

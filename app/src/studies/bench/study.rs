@@ -22,8 +22,9 @@ pub struct Wanted {
 /// no earlier file is taken for this run's, and after each. The caller sets [`Report::complete`].
 ///
 /// # Errors
-/// The subject has no camera, the device fails, `kept` fails, or the listener cancels. A candidate that cannot be drawn
-/// gives a row with the reason, as does every candidate if the scene cannot be enlarged.
+/// The subject has no camera, an exact picture does not fit in memory, the device fails, `kept` fails, or the listener
+/// cancels. A candidate that cannot be drawn gives a row with the reason, as does every candidate if the scene cannot
+/// be enlarged.
 pub fn study<E: From<StudyError>>(
     subject: &Subject,
     wanted: &Wanted,

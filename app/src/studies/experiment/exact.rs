@@ -18,7 +18,7 @@ pub type Set = Vec<(String, String)>;
 /// Sets the session's graph to [`GRAPH`], and lists the exact values of its parameters.
 ///
 /// # Errors
-/// The graph cannot be read.
+/// The graph cannot be read, or a requirement is not met.
 pub fn values(session: &mut Session, size: (u32, u32)) -> Result<Set, SessionError> {
     session.set_graph(GRAPH, &[]);
     let controls = session.controls(size)?;

@@ -17,7 +17,7 @@ use crate::io::image::Image;
 use serde::Serialize;
 use splatgraph_reference::metrics::{MetricError, WorstPixel, comparable};
 
-/// The scores of a step. Pops and changes are means over all pixels, from 0 to 1.
+/// The scores of a step, as means over all pixels: pops from 0 to 2, changes and excesses from 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Score {
     /// The mean pop: the change of the error.

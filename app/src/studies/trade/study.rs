@@ -284,7 +284,7 @@ fn only(wanted: &Wanted, setting: &str) -> bool {
     wanted.only.is_empty() || wanted.only.iter().any(|name| setting.starts_with(name.as_str()))
 }
 
-/// Checks that [`Wanted::graphs`] have no errors, and the projection of the exact pictures.
+/// Checks that [`Wanted::graphs`] can be read, and have the projection of the exact pictures.
 fn check_graphs(
     session: &mut Session,
     wanted: &Wanted,

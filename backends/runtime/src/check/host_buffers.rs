@@ -1,7 +1,7 @@
 //! Checks how passes use host buffers.
 //!
 //! The plan's size of a host buffer is its minimum, so checks against it (words of indirect arguments, bindings) hold
-//! for every frame. The maximum is checked with each frame (`host_buffers`).
+//! for every frame. The maximum is checked with each frame: see [`crate::host_buffers`].
 
 use super::{Checker, invalid};
 use crate::usage::touched;
