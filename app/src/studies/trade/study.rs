@@ -91,9 +91,10 @@ impl Study {
     /// Chooses the settings, and builds the plans of each.
     ///
     /// # Errors
-    /// [`Wanted::file`] is not a ledger, the subject has no camera or none that sees a splat, an exact picture does not
-    /// fit in memory, a graph has errors, one of [`Wanted::graphs`] has another projection, no setting's name begins with
-    /// a prefix of [`Wanted::only`], the executable cannot be read, the device fails, or the listener cancels.
+    /// [`Wanted::file`] is not a ledger, the subject has no camera or none that sees a splat, an exact picture does
+    /// not fit in memory, a graph has errors, one of [`Wanted::graphs`] has another projection, no setting's name
+    /// begins with a prefix of [`Wanted::only`], the executable cannot be read, the device fails, or the listener
+    /// cancels.
     pub fn new(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) -> Result<Study, StudyError> {
         // Rows of an earlier run are shown, too: their settings' plans are needed to drop rows that are out of date.
         let earlier = wanted.file.as_deref().map_or_else(|| Ok(BTreeSet::new()), ledger::replaceable)?;
