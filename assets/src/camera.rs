@@ -16,9 +16,9 @@ use serde_json::{Map, Value};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Entry", into = "Entry")]
 pub struct Camera {
-    /// Number that the trainer assigned to the camera.
+    /// Number of the camera: `id` of a `cameras.json`, COLMAP's `IMAGE_ID`, the index of glTF's node or of a frame.
     pub id: i64,
-    /// Name of the camera's photograph, without its extension.
+    /// Name of the camera's photograph without its extension, or of glTF's node or camera; can be empty.
     pub img_name: String,
     /// Image width, in pixels.
     pub width: u32,

@@ -30,7 +30,7 @@ pub enum SceneError {
     #[error("expected a scene, found an empty file")]
     Empty,
 
-    /// The bytes belong to no scene format.
+    /// The bytes belong to no scene format, or a folder has no document of a scene.
     #[error("expected a scene ({}, or .ron, a list of scenes), found {found}", SceneFormat::endings())]
     NotScene {
         /// The likely kind of the file.

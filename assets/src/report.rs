@@ -26,7 +26,7 @@ const MAX_HALF: f64 = 65_504.0;
 /// The statistics of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// Tags of the file.
+    /// Tags of the file, and counts of what loading left out or clamped.
     pub file: FileNotes,
     /// Number of splats, without dropped ones.
     pub splats: u32,
@@ -92,7 +92,7 @@ pub struct PlaceReport {
     /// Files of a list of scenes with coarse positions.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub coarse_parts: Vec<(String, CoarsePositions)>,
-    /// Steps of the positions that are larger than the splats, for a scene of one `.sog`; otherwise `None`.
+    /// Steps of positions that are larger than more than 1/100 of the splats. `None` unless the scene is one whole SOG.
     pub steps: Option<LargeSteps>,
 }
 

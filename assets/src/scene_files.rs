@@ -87,7 +87,7 @@ fn named(path: &Path) -> Result<Vec<PathBuf>, SceneError> {
         head if head.trim_ascii_start().starts_with(b"{") => (0, source.length()),
         _ => return Ok(Vec::new()),
     };
-    // A binary file pads its text. A document beyond these limits is not read as a scene either.
+    // A document beyond these limits is not read as a scene either.
     let text = json::read(&source, (start, length), MAX_JSON, json::STREAMED_OBJECT)?;
     let names = json::strings(&text, MAX_NAME);
     // The names of glTF are URIs.

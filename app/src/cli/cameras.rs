@@ -106,8 +106,8 @@ pub fn parse(spec: &str, ignore_distortion: bool) -> Result<Vec<Camera>, CameraE
     read(spec, ignore_distortion).map(Dataset::into_cameras)
 }
 
-/// Loads the cameras of `PATH`, `PATH#INDEX` or `PATH#NAME` in any format of [`Dataset`], or parses the text of a
-/// `cameras.json`. Prints which file moved the cameras of a dataset, and that an animation is not read.
+/// Loads the cameras of `PATH`, `PATH#INDEX` or `PATH#NAME` in any format of [`Dataset`], or parses the JSON text of
+/// such a file. Prints the notes of [`tell_alignment`], and that an animation is not read.
 ///
 /// # Errors
 /// The file or the text is invalid, or has no cameras.
@@ -205,8 +205,8 @@ pub fn tell_masks(dataset: &Dataset) {
     }
 }
 
-/// Registers the files of a dataset, given as in [`parse`], and its photographs as inputs. Does nothing for the text of
-/// a `cameras.json`, and for a dataset that cannot be read.
+/// Registers the files of a dataset, given as in [`parse`], and its photographs as inputs. Does nothing for JSON text,
+/// and for a dataset that cannot be read.
 pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     if is_json(cameras) {
         return Ok(());

@@ -26,7 +26,7 @@ pub struct Original {
     unread: Option<String>,
     /// Description of the data after the last row; `None` if there is none.
     after_rows: Option<String>,
-    /// Comments and copyright of the file. A PLY file keeps them, unless scenes were merged.
+    /// Comments of a PLY, or the copyright of a glTF. A written PLY keeps the comments, unless scenes were merged.
     comments: Vec<String>,
 }
 
@@ -41,7 +41,7 @@ pub struct Losses {
     pub invisible_losses: Vec<String>,
 }
 
-/// Opacity (logit 9.9) above which rounding to f32 can change the logit by almost 0.001.
+/// Opacity (logit 9.9) above which rounding to f32 can change the logit by more than 0.0005.
 const NEARLY_OPAQUE: f32 = 0.99995;
 
 /// Standard deviation of a splat, in quantization steps of positions, below which quantization costs several dB.

@@ -316,8 +316,7 @@ impl Server {
         hints::within(self.workspace.hints(&path), params.range.start.line, params.range.end.line)
     }
 
-    /// Resolves a position in an open file to the file's path and the byte offset; `None` if the file is not open. The
-    /// request is then answered from the current files.
+    /// Resolves a position in an open file to the file's path and the byte offset; `None` if the file is not open.
     fn place(&mut self, at: &TextDocumentPositionParams) -> Option<(PathBuf, usize)> {
         // Closed files may have changed on the disk, and not every editor reports this.
         self.workspace.planner.forget_files();

@@ -128,7 +128,7 @@ fn of_path(text: &str, range: Range<usize>, add: &mut impl FnMut(Range<usize>, R
 }
 
 /// Returns the name with which an expression compares the single-quoted string that lies at `inside`. The name is empty
-/// if the other operand does not end in one; `None` if the string is no operand of `==` or `!=`.
+/// if another token is beside the operator; `None` if the string is no operand of `==` or `!=`.
 ///
 /// Such a string is an option of a choice.
 pub fn compared<'a>(text: &'a str, inside: &Range<usize>) -> Option<&'a str> {

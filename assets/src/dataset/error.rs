@@ -3,10 +3,10 @@
 use crate::projection::Projection;
 use std::path::{Path, PathBuf};
 
-/// Maximum size of a `cameras.json` or `transforms.json`, in bytes.
+/// Maximum size of a JSON file of cameras, or of a `dataparser_transforms.json`, in bytes.
 pub const MAX_CAMERA_BYTES: u64 = 256 << 20;
 
-/// Maximum number of cameras in a `cameras.json`, a `transforms.json` or a COLMAP model.
+/// Maximum number of cameras in a JSON file or a COLMAP model.
 pub(crate) const MAX_CAMERAS: usize = 1 << 20;
 
 /// An error while reading, writing or selecting cameras.

@@ -313,8 +313,8 @@ impl Document {
     }
 
     /// Lists the primitives of splats in the scene, once per node that places them. Also counts what is not read: the
-    /// primitives of meshes, the cameras, and the splats of other scenes or hidden nodes. Fails if there are no splats,
-    /// or more than [`MAX_PLACED`] primitives of them.
+    /// primitives of meshes, the cameras, and the primitives of splats in other scenes or hidden nodes. Fails if there
+    /// are no splats, or more than [`MAX_PLACED`] primitives of them.
     pub(super) fn splats(&self) -> Result<(Vec<Splats<'_>>, FileNotes), SceneError> {
         // Primitives of splats by mesh, so that a node does not search its mesh again.
         let splats_of: Vec<Vec<&Primitive>> = self.meshes.iter().map(Mesh::splats).collect();

@@ -53,11 +53,11 @@ impl Mesh {
     /// The bytes are not glTF 2.0 or are damaged, require an extension other than `KHR_mesh_quantization`,
     /// `KHR_materials_unlit` and `KHR_node_visibility`, use `KHR_texture_transform` with the first, have primitives
     /// other than triangles, or have no visible triangles; a buffer or an image cannot be read; or a limit is exceeded.
-    /// The text names the accessor, node or image.
+    /// The text names the part of the file, such as an accessor, a node or an image.
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
         check_length(bytes)?;
         json::check(json_of(bytes), json::GLTF_OBJECT).map_err(|message| wrong("glTF", message))?;
-        // Before the document of the crate: the limit of memory is for one of them.
+        // Drops this document before the crate parses its own, because `check` allows the memory of one.
         let placed = visible(json_of(bytes))?;
         let gltf = Gltf::from_slice_without_validation(bytes).map_err(|error| wrong("glTF", error))?;
         let allowed = [QUANTIZATION, UNLIT, VISIBILITY];

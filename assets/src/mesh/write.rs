@@ -97,7 +97,7 @@ impl Writer {
 }
 
 impl Mesh {
-    /// Writes the mesh as binary glTF, with y up. The light is not written.
+    /// Writes the mesh as binary glTF, with y up. The light is not written, and emission is clamped to 1.
     ///
     /// # Errors
     /// The writer fails, or the file would have 4 GiB or more.

@@ -166,7 +166,7 @@ impl Gathered {
 /// Positions that f32 rounded to steps that are large relative to the splats.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct CoarsePositions {
-    /// Median step of a splat's largest coordinate, in world units.
+    /// Median step of a splat's largest coordinate, or the step of an SPZ file if that is larger, in world units.
     pub step: f64,
     /// Median of the splats' largest standard deviations, in world units.
     pub size: f64,

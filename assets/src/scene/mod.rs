@@ -291,7 +291,7 @@ impl Scene {
     /// Returns the world's coordinates of the scene's origin.
     ///
     /// The scene's positions and boxes, and the cameras that draw it, are relative to it; files and reports have the
-    /// world's coordinates. It is 0 unless the file places the splats far from 0, with more precision than f32;
+    /// world's coordinates. It is 0 unless a file or a transform places the splats too far from 0 for f32;
     /// [`Camera::relative_to`](crate::Camera::relative_to) translates cameras from the world into the scene.
     pub fn offset(&self) -> [f64; 3] {
         self.offset
@@ -404,7 +404,8 @@ impl Scene {
         &self.gathered.dropped
     }
 
-    /// Returns the range of the quaternions' lengths before normalisation; they are 1 in a scene derived from another.
+    /// Returns the range of the quaternions' lengths before normalisation. In a scene derived from another, they are 1,
+    /// except that [`Scene::selected`] keeps the file's.
     pub fn quaternion_norms(&self) -> QuaternionNorms {
         self.gathered.norms
     }

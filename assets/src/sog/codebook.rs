@@ -144,7 +144,7 @@ impl Sorted {
         let numbers = &self.numbers[interval.clone()];
         let [first, last] = [numbers[0], numbers[numbers.len() - 1]];
         let halves = |border: f64| {
-            // Rounding can put a mean beyond all numbers. No half may be empty, or have a part of equal numbers.
+            // Rounding can put a mean beyond all numbers. No half may be empty, and equal numbers stay in one half.
             let border = border.max(first.into());
             let is_low = |number: &f32| *number < last && f64::from(*number) <= border;
             let middle = interval.start + numbers.partition_point(is_low);

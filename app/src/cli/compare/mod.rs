@@ -345,7 +345,8 @@ struct Loaded {
 /// Loads two pictures. `range` is that of `--range`.
 ///
 /// # Errors
-/// A picture cannot be read, the sizes differ, or one has only 8 or 16 bits and the range is not within 0 to 1.
+/// A picture cannot be read, or the sizes differ. Or a picture has only 8 or 16 bits, and the range is not within 0 to
+/// 1, or the other one is a grey map with other values.
 fn load(pair: &Pair, range: Option<(f64, f64)>, notes: &mut Notes) -> Result<Loaded> {
     let headers = [Image::header(&pair.a)?, Image::header(&pair.b)?];
     let [(a_width, a_height), (b_width, b_height)] = headers.each_ref().map(|header| header.size);

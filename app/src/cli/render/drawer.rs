@@ -336,7 +336,8 @@ fn draw(
 /// Prints notes about a new plan's settings and outputs, and registers the graph's files as inputs.
 ///
 /// # Errors
-/// `rgba` is among the outputs of a picture with a mesh, or an output would overwrite a file of the graph.
+/// An output cannot have its file's format, `rgba` is among the outputs of a picture with a mesh, or an output would
+/// overwrite a file of the graph.
 fn check_plan(args: &Args, session: &mut Session, guard: &mut OutputGuard, camera: &Camera) -> Result<()> {
     let _span = info_span!("check files and settings").entered();
     session.settings_without_effect().iter().for_each(say);

@@ -40,8 +40,8 @@ pub struct Rate {
 }
 
 impl Rate {
-    /// Returns a usual rate near `fps`: a whole number, one of NTSC's, or a number of thousandths. `None` if it is
-    /// outside of the range.
+    /// Returns a usual rate near `fps`: a whole number, one of NTSC's, or a number of thousandths. `None` outside of
+    /// 0.1 to 1000.
     pub fn near(fps: f64) -> Option<Rate> {
         let ntsc = (1.001 * fps).round();
         let text = match fps {

@@ -1,7 +1,7 @@
 //! Writes YUV4MPEG2 (`.y4m`): a line of text, then uncompressed frames.
 //!
-//! Colours are as in HD video: BT.709 in the limited range, 4:2:0, with each chroma sample in the middle of four
-//! pixels. The format has no field for the matrix, so a reader has to assume BT.709.
+//! Colours are BT.709 in the limited range, as in HD video. Chroma is 4:2:0, with each sample in the middle of four
+//! pixels, as in JPEG. The format has no field for the matrix, so a reader has to assume BT.709.
 
 use super::frame::{Frame, Rate, Writer, mixed};
 use crate::io::image::{Image, NotFinite, is_finite};

@@ -133,7 +133,7 @@ impl Model {
     }
 }
 
-/// Describes the distortion in the parameters of the model `name`; `None` without distortion, and for other models.
+/// Describes the distortion in the parameters of the model `name`; `None` without distortion, or for no known model.
 pub(in crate::dataset) fn distorted_parameters(name: &str, parameters: &[f64]) -> Option<String> {
     let model = MODELS.iter().find(|model| model.name == name)?;
     let (name, fault) = model.lens(Projection::Pinhole, (1, 1), parameters, false).err()?;

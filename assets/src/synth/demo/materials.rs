@@ -1,8 +1,8 @@
 //! Computes the spherical harmonics of materials under the demo scene's light.
 //!
 //! Colours are display-encoded, as in trained scenes. The view-independent part is one colour. The view-dependent part
-//! is a sum of lobes, each symmetric about an axis, whose harmonics are known in closed form ([`Zonal`]). Lobes are
-//! given by the direction *towards the viewer*; harmonics take the direction from the camera, which is its opposite.
+//! is a sum of lobes, each symmetric about an axis ([`Zonal`]). Lobes are given by the direction *towards the viewer*;
+//! harmonics take the direction from the camera, which is its opposite.
 
 use crate::harmonics::{Zonal, basis};
 use glam::DVec3;
