@@ -140,8 +140,8 @@ pub fn mixed_tags(scene: &Scene) -> Option<String> {
 
 /// Describes the steps of positions if they are coarse, with a remedy if there is one; `None` for finer steps.
 ///
-/// Steps are coarse if they are larger than the splats or, in SPZ, larger than usual or than 1/8 of the splats' median
-/// deviation.
+/// Steps are coarse if they are larger than more than 1/100 of the splats or, in SPZ, larger than usual or than 1/8 of
+/// the splats' median deviation.
 pub fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
     if let Some(steps) = scene.large_steps(format) {
         let advice = match outliers::find(scene, format) {

@@ -235,8 +235,7 @@ pub enum Event {
         /// Loading time, in milliseconds.
         load_ms: f64,
     },
-    /// A loaded scene is unusual: it has dropped splats, a mesh that is left out, unread data, ignored tags or coarse
-    /// positions.
+    /// A loaded scene is unusual, for example because of dropped splats; see [`crate::io::losses::notes`].
     SceneNotes {
         /// Path of the scene.
         #[serde(serialize_with = "displayed")]

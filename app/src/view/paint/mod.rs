@@ -197,7 +197,7 @@ impl Meshes {
     fn black(&mut self, area: Rect) {
         let (clip, first) = (self.clips.len() as u32, self.vertices.len() as u32);
         self.clips.push(Clip { first: area.min.into(), beyond: area.max.into(), texture: Texture::zeroed() });
-        // `uv` selects the first texel of the font texture, which is white.
+        // At a `uv` of 0, where egui's white texel is, the shader reads no texture.
         let vertex =
             |position: Pos2| Vertex { position: position.into(), uv: [0.0; 2], colour: [0, 0, 0, 255], clip };
         let corners = [area.left_top(), area.right_top(), area.left_bottom(), area.right_bottom()];

@@ -1,7 +1,7 @@
 //! Defines the look of the window: colours, fonts and spacing, in a dark and a light theme.
 //!
-//! The colours of a theme are a [`Palette`], shared with the dump page (`framework/src/dump/page/page.css`), so that
-//! both look alike. Text has at least 13 points and a contrast of 4.5 : 1 (WCAG 2.1, 1.4.3).
+//! The colours of a theme are a [`Palette`]. Most are also those of the dump page (`framework/src/dump/page/page.css`),
+//! so that both look alike. Text has at least 13 points and a contrast of 4.5 : 1 (WCAG 2.1, 1.4.3).
 
 use egui::{
     Color32, Context, CornerRadius, FontData, FontDefinitions, FontFamily, FontId, Margin, Shadow, Stroke,
@@ -23,7 +23,7 @@ const STRONG: &str = "strong";
 /// The colours of a theme.
 #[derive(Clone, Copy, Debug)]
 pub struct Palette {
-    /// Background of the window and of text fields.
+    /// Background of the timeline and of text fields.
     pub paper: Color32,
     /// Background of panels.
     pub raised: Color32,

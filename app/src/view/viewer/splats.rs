@@ -93,7 +93,7 @@ impl Viewer {
         }
     }
 
-    /// Returns true while splats in a region of a viewport's picture are being searched.
+    /// Returns true while a viewport's splats in a region or in a selection file are being searched.
     pub fn is_selecting(&self, id: RendererId) -> bool {
         self.subject_of(id).is_searching()
     }

@@ -115,14 +115,14 @@ pub(super) struct Subject {
     pub path: PathBuf,
     /// Canonical path of the scene's file when it was read: without links and `..`.
     pub file: PathBuf,
-    /// Up direction that the user chose for the scene; `None` for that of its file.
+    /// Up direction that the user chose for the scene; `None` if the user chose none.
     pub up: Option<[f64; 3]>,
     /// The hidden splats when the rest was last written to a file; empty before, and after a failure.
     pub left_out: Arc<SplatSet>,
     /// The requested marks; `scene` shows them once the marked copy is made.
     marks: Marks,
     maker: Latest<Arc<Scene>>,
-    /// The running search for splats in a region.
+    /// The running search for the splats of a region or of a selection file.
     pub finder: Latest<(Combine, SplatSet)>,
     /// Queued searches, oldest first.
     pub searches: VecDeque<Search>,
