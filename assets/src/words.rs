@@ -17,7 +17,6 @@ pub struct AttributeInfo {
     pub count: u64,
 }
 
-/// Returns the `N` bytes at offset `at`.
 pub(crate) fn bytes_at<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     bytes[at..at + N].try_into().expect("the slice has N bytes")
 }

@@ -193,7 +193,6 @@ impl Meshes {
         }
     }
 
-    /// Adds a black rectangle.
     fn black(&mut self, area: Rect) {
         let (clip, first) = (self.clips.len() as u32, self.vertices.len() as u32);
         self.clips.push(Clip { first: area.min.into(), beyond: area.max.into(), texture: Texture::zeroed() });

@@ -28,7 +28,6 @@ pub enum Command {
 #[derive(Clone, Debug, Default)]
 pub struct Controls {
     now: BTreeMap<String, Rect>,
-    /// Requests to the window.
     pub(super) commands: Vec<Command>,
     /// Message about text that the user typed into a number field, if it is no number or out of range.
     pub(super) refused: Option<String>,

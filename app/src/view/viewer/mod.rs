@@ -64,7 +64,6 @@ pub struct Viewer {
     subject: Subject,
     /// B's scene; `None` if B draws A's.
     other: Option<Subject>,
-    /// Selectable cameras.
     camera_list: CameraList,
     /// Selectable cameras for the scene that is being loaded for A; `None` to use those beside it.
     restored_cameras: Option<CameraList>,
