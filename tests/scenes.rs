@@ -177,3 +177,70 @@ fn mistakes_in_places_are_told() {
         ],
     );
 }
+
+/// Adds the property `label` to a binary PLY: the index of a splat, modulo 3.
+fn labelled(ply: &[u8]) -> Vec<u8> {
+    let end = b"end_header\n";
+    let at = ply.windows(end.len()).position(|window| window == end).expect("a header");
+    let (header, rows) = (&ply[..at], &ply[at + end.len()..]);
+    let properties = String::from_utf8_lossy(header).matches("\nproperty float ").count();
+    let label = |index: usize| ((index % 3) as f32).to_le_bytes();
+    let rows = rows.chunks_exact(4 * properties).enumerate();
+    let rows = rows.flat_map(|(index, row)| row.iter().copied().chain(label(index)));
+    [header, b"property float label\n", end].concat().into_iter().chain(rows).collect()
+}
+
+#[test]
+fn a_graph_reads_properties_of_its_own_from_a_ply() {
+    let place = Place::demo(2000);
+    place.write("scene.ply", labelled(&place.bytes("scene.ply")));
+    let tutorial = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/tutorial");
+    for end in ["ron", "comp", "clear.comp", "vert", "frag"] {
+        let name = format!("renderer.{end}");
+        place.write(&name, std::fs::read(tutorial.join(&name)).expect("a file of the tutorial"));
+    }
+    place.edit(
+        "renderer.ron",
+        "imports: {",
+        "imports: {\n\"label\": Import(from: \"scene.property.label\"),",
+    );
+    place.edit("renderer.ron", "\"Sh\":", "\"Labels\": \"label\", \"Sh\":");
+    let read =
+        "layout(set = 0, binding = 20, std430) readonly buffer Labels { float labels[]; };\n\n// Writes";
+    place.edit("renderer.comp", "// Writes", read);
+    let colour = "vec4(labels[i] == 0.0, labels[i] == 1.0, labels[i] == 2.0, 0.0)";
+    place.edit("renderer.comp", "vec4(colour, 0.0)", colour);
+
+    // Without a scene, any property may be imported; with one, only those that it was loaded with.
+    assert!(place.done("check renderer.ron").contains(": OK\n"));
+    let line = "render scene.ply -c cameras.json#0 --size 64x36 -p renderer.ron -o out.npy";
+    let errors = place.fails(line, 1);
+    for part in [
+        "nothing is called `scene.property.label`",
+        "--> renderer.ron:11",
+        "--property NAME loads a property of a PLY file",
+    ] {
+        assert!(errors.contains(part), "{part}: {errors}");
+    }
+    let lit = |more: &str| {
+        place.done(&format!("{line} {more}"));
+        let image = place.image("out.npy");
+        [0, 1, 2].map(|channel| image.rgb.iter().filter(|rgb| rgb[channel] > 0.05).count())
+    };
+    assert!(lit("--property label").iter().all(|pixels| *pixels > 100));
+    let [red, green, blue] = lit("--property label --where=label==1");
+    assert!(red == 0 && green > 100 && blue == 0, "{red} {green} {blue}");
+
+    // Copies of the scene keep the property.
+    place.done("convert scene.ply one.ply --property label --where=label==2");
+    assert!(place.done("info one.ply").contains("label"));
+    place.done("render one.ply -c cameras.json#0 --size 64x36 -p renderer.ron --property label -o out.npy");
+    assert!(place.image("out.npy").rgb.iter().all(|rgb| rgb[0] == 0.0 && rgb[1] == 0.0));
+    let said = place.done("convert one.ply one.spz --property label");
+    assert!(said.contains("properties that only PLY files have: label"), "{said}");
+    let errors = place.fails("info one.ply --property labels", 1);
+    assert!(
+        errors.contains("one.ply: expected a property `labels`, found none; did you mean `label`?"),
+        "{errors}"
+    );
+}

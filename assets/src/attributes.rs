@@ -22,10 +22,21 @@ const MAX_SH_PLANES: u32 = 12;
 pub const ATTRIBUTES: [&str; 6] =
     ["scene.position", "scene.position_wide", "scene.scale", "scene.rotation", "scene.opacity", "scene.sh"];
 
+/// Prefix of the attributes that are further properties of a PLY file, such as `scene.property.label`: 1 float.
+pub const PROPERTY_ATTRIBUTE: &str = "scene.property.";
+
 impl Scene {
-    /// Returns the layout of an attribute; `None` if the name is not among [`ATTRIBUTES`] and [`MESH_ATTRIBUTES`].
+    /// Finds the index in [`Scene::property_names`] of an attribute.
+    fn property_of(&self, attribute: &str) -> Option<usize> {
+        let name = attribute.strip_prefix(PROPERTY_ATTRIBUTE)?;
+        self.property_names().iter().position(|own| own == name)
+    }
+
+    /// Returns the layout of an attribute; `None` if the name is not among [`ATTRIBUTES`] and [`MESH_ATTRIBUTES`], and
+    /// is no further property of the scene.
     pub fn attribute(&self, name: &str) -> Option<AttributeInfo> {
         let (stride, planes) = match name {
+            _ if self.property_of(name).is_some() => (4, 1),
             "scene.position" | "scene.scale" => (12, 1),
             "scene.position_wide" => (24, 1),
             "scene.rotation" => (16, 1),
@@ -76,6 +87,10 @@ impl Scene {
             "scene.rotation" => write_floats(&self.rotations()[here], out),
             "scene.opacity" => write_floats(&self.opacities()[here], out),
             "scene.sh" => self.write_sh_plane(plane, here, out),
+            _ if let Some(property) = self.property_of(name) => {
+                let values = out.chunks_exact_mut(4).zip(here);
+                values.for_each(|(out, at)| out.copy_from_slice(&self.property(at, property).to_le_bytes()));
+            }
             _ => match self.mesh() {
                 Some(mesh) => mesh.write_attribute(name, offset, out),
                 None => out.fill(0),
@@ -128,8 +143,11 @@ impl Scene {
                 hash(&c.opacity),
                 hash(&c.sh),
             ];
+            let properties =
+                c.property_names.iter().map(|name| hash(&name.chars().map(u32::from).collect::<Vec<_>>()));
+            let property = (!c.property.is_empty()).then(|| hash(&c.property));
             let mesh = self.mesh().map(Mesh::identity);
-            head.into_iter().chain(columns).chain(mesh).fold(0, mix)
+            head.into_iter().chain(columns).chain(mesh).chain(properties).chain(property).fold(0, mix)
         })
     }
 }

@@ -7,7 +7,7 @@ use crate::harmonics::Turn;
 use crate::memory::SceneMemoryError;
 use crate::mesh::Mesh;
 use crate::projection::Projection;
-use crate::scene::{Dropped, FileNotes, Scene, Splat};
+use crate::scene::{Dropped, FileNotes, Properties, Scene, Splat};
 use crate::similarity::Similarity;
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
@@ -84,9 +84,9 @@ impl Scene {
         indices: &[u32],
         change: impl Fn(u32, Splat) -> Splat + Sync,
     ) -> Result<Self, SceneMemoryError> {
-        self.derived(indices.len() as u32, self.stored_degree(), |at| {
-            let index = indices[at] as usize;
-            (change(indices[at], self.splat(index)), self.position(index))
+        let source = |at: usize| indices[at] as usize;
+        self.derived(indices.len() as u32, self.stored_degree(), source, |at| {
+            (change(indices[at], self.splat(source(at))), self.position(source(at)))
         })
     }
 
@@ -146,7 +146,9 @@ impl Scene {
             let origin = Self::finer_origin(self.count(), offset, world, size);
             (origin.unwrap_or(offset), self.is_wide() || origin.is_some())
         };
-        let moved = Self::try_generate_at(self.count(), degree, wide, |index| {
+        let names = self.property_names().to_vec();
+        let properties = Properties { names, value: &|index, name| self.property(index, name) };
+        let moved = Self::try_generate_with(self.count(), degree, wide, properties, |index| {
             let mut splat = self.splat(index);
             let [w, x, y, z] = splat.rotation.map(f64::from);
             let turned = (by.rotation * DQuat::from_xyzw(x, y, z, w)).normalize();
@@ -166,7 +168,7 @@ impl Scene {
     /// Joins scenes, one after the other, and their meshes. The result's offset is the first scene's, unless that is
     /// too far from the splats.
     ///
-    /// Harmonics that a scene lacks are 0. Tags that differ are dropped, and so are comments. The light is that of the
+    /// Harmonics and further properties that a scene lacks are 0. Tags that differ are dropped, and so are comments. The light is that of the
     /// first mesh with a light. Counts of dropped splats are summed.
     ///
     /// # Errors
@@ -203,7 +205,19 @@ impl Scene {
         };
         let offset = DVec3::from(scenes[0].offset());
         let offset = Self::finer_origin(count, offset, world, size).unwrap_or(offset);
-        let joined = Self::try_generate_at(count, degree, true, |index| {
+        let mut names: Vec<String> = Vec::new();
+        for name in scenes.iter().flat_map(Self::property_names) {
+            if !names.contains(name) {
+                names.push(name.clone());
+            }
+        }
+        let value = |index, name: usize| {
+            let (scene, local) = place(index);
+            let own = scene.property_names().iter().position(|own| *own == names[name]);
+            own.map_or(0.0, |own| scene.property(local, own))
+        };
+        let properties = Properties { names: names.clone(), value: &value };
+        let joined = Self::try_generate_with(count, degree, true, properties, |index| {
             let (scene, local) = place(index);
             (scene.splat(local), (world(index) - offset).into())
         })?;

@@ -36,6 +36,17 @@ pub type Progress<'a> = &'a (dyn Fn(u64, u64) -> ControlFlow<()> + Sync);
 /// A callback that ignores the progress.
 pub const QUIET: Progress<'static> = &|_, _| ControlFlow::Continue(());
 
+/// Options of reading a scene file.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ReadOptions<'a> {
+    /// Level of a streamed SOG: 0 is the finest, and the default.
+    pub level: Option<u32>,
+    /// Names of further properties to read from a PLY file, for graphs that import `scene.property.NAME`.
+    ///
+    /// Their values become 32-bit floats. Properties of the splat are among them, as they are in the file.
+    pub properties: &'a [String],
+}
+
 /// Contents of a scene file's header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SceneHeader {
@@ -78,9 +89,16 @@ pub(crate) struct Input<'a> {
     /// Available memory in bytes, if known.
     pub memory: Option<u64>,
     pub progress: Progress<'a>,
+    /// Further properties to read; see [`ReadOptions::properties`].
+    pub properties: &'a [String],
 }
 
-impl Input<'_> {
+impl<'a> Input<'a> {
+    /// Creates the input of a load without further properties.
+    pub(crate) fn new(source: &'a Source<'a>, memory: Option<u64>, progress: Progress<'a>) -> Self {
+        Self { source, memory, progress, properties: &[] }
+    }
+
     /// Allocates the arrays of a scene. Positions that are `wide` have more precision than f32.
     ///
     /// Fails if the available memory is less than the arrays, `beside` more bytes, and a buffer per thread for rows of
@@ -108,10 +126,24 @@ impl Input<'_> {
         done: &Done,
         convert: impl Fn([&[u8]; N], usize, &mut Rows) + Sync,
     ) -> Result<Filled, SceneError> {
+        self.fill_with(&[], (count, degree, wide), tables, beside, done, convert)
+    }
+
+    /// Fills arrays like [`Input::fill`], with further properties of these names, which `convert` sets.
+    pub(crate) fn fill_with<const N: usize>(
+        &self,
+        names: &[String],
+        (count, degree, wide): (u64, u32, bool),
+        tables: [Table; N],
+        beside: u64,
+        done: &Done,
+        convert: impl Fn([&[u8]; N], usize, &mut Rows) + Sync,
+    ) -> Result<Filled, SceneError> {
         let stride: usize = tables.iter().map(|table| table.stride).sum();
         let width: usize = tables.iter().map(|table| table.width).sum();
         let rows_at_once = (PIECE / stride).max(1);
-        let mut columns = self.allocate(count, degree, wide, (stride, beside))?;
+        let columns = self.allocate(count, degree, wide, (stride, beside))?;
+        let mut columns = columns.with_properties(names)?;
         let buffers = Buffers::default();
         let gathered = columns.fill(|out: &mut Rows| {
             buffers.with(rows_at_once.min(out.len()) * stride, |buffer| {

@@ -372,7 +372,7 @@ mod tests {
             let mut bytes = file(1, 1);
             bytes[at..at + value.len()].copy_from_slice(value);
             let source = Source::Bytes(&bytes);
-            let input = Input { source: &source, memory: Some(1 << 30), progress: crate::QUIET };
+            let input = Input::new(&source, Some(1 << 30), crate::QUIET);
             parse(&input).unwrap_err().to_string()
         };
         let cases: [(usize, &[u8], &str); 8] = [

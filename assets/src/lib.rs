@@ -62,7 +62,7 @@ mod usd;
 mod words;
 
 pub use activation::SH_C0;
-pub use attributes::ATTRIBUTES;
+pub use attributes::{ATTRIBUTES, PROPERTY_ATTRIBUTE};
 pub use bounds::{Bounds, WorldBounds, decimals};
 pub use camera::Camera;
 pub use dataset::{
@@ -70,14 +70,14 @@ pub use dataset::{
 };
 pub use error::{LoadError, SceneError};
 pub use formats::{Content, LargeSteps};
-pub use input::{Progress, QUIET, SceneHeader};
+pub use input::{Progress, QUIET, ReadOptions, SceneHeader};
 pub use memory::SceneMemoryError;
 pub use mesh::{Light, MESH_ATTRIBUTES, Mesh, MeshMaterial, Texture};
 pub use projection::Projection;
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};
 pub use scene::{
-    ALPHA_FLOOR, CoarsePositions, ColorRange, Dropped, FileNotes, Filter, MixedTags, QuaternionNorms, Scene,
-    ScenePart, SortKey, Splat, sh_floats,
+    ALPHA_FLOOR, CoarsePositions, ColorRange, Dropped, FileNotes, Filter, MixedTags, Properties,
+    QuaternionNorms, Scene, ScenePart, SortKey, Splat, sh_floats,
 };
 pub use scene_files::{names_scenes, scene_files, scene_paths};
 pub use scene_format::SceneFormat;

@@ -151,6 +151,7 @@ pub fn catalog() -> Catalog {
         ]),
         uniforms: BTreeMap::from([("frame.camera".to_string(), 256)]),
         buffers: BTreeMap::from([("frame.words".to_string(), HostBuffer { stride: 4, least: 4 })]),
+        families: BTreeMap::new(),
     }
 }
 

@@ -27,7 +27,7 @@ use std::sync::LazyLock;
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{
-    Attribute, Catalog, DeviceFacts, Facts, Features, HostBuffer, Param, Request, Value,
+    Attribute, Catalog, DeviceFacts, Facts, Family, Features, HostBuffer, Param, Request, Value,
 };
 use splatgraph_framework::shader::{Glslang, Limits};
 use splatgraph_framework::source::{Diagnostic, Library, SourceMap, render, render_warnings};
@@ -60,12 +60,14 @@ fn shared_files() -> BTreeMap<String, String> {
 fn catalog() -> Catalog {
     let attribute = |stride, planes| Attribute { stride, count: 1000, planes };
     let attributes = [("scene.position", (12, 1)), ("scene.sh", (16, 12)), ("scene.index", (4, 1))];
+    let family = Family { any: None, help: "--property NAME loads a property of a PLY file".into() };
     Catalog {
         attributes: attributes
             .map(|(name, (stride, planes))| (name.into(), attribute(stride, planes)))
             .into(),
         uniforms: [("frame.camera".into(), 256)].into(),
         buffers: [("frame.words".into(), HostBuffer { stride: 4, least: 64 })].into(),
+        families: [("scene.property.".into(), family)].into(),
     }
 }
 

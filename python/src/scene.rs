@@ -5,9 +5,10 @@ use crate::errors::{Error, SceneError};
 use crate::wait;
 use pyo3::exceptions::{PyUserWarning, PyValueError};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use splatgraph::io::output::OutputError;
 use splatgraph::io::{losses, scene_file};
-use splatgraph_assets::{self as assets, FileNotes, Similarity, Splat};
+use splatgraph_assets::{self as assets, FileNotes, Properties, ReadOptions, Similarity, Splat};
 use std::collections::HashMap;
 use std::ffi::CString;
 use std::ops::ControlFlow;
@@ -33,14 +34,20 @@ impl Scene {
     /// Loads a scene file of any format, recognised by its bytes; a folder of SOG; or a list of scenes (.ron).
     /// docs/formats.md lists the formats.
     ///
-    /// Warns (`UserWarning`) of positions so far from 0 that float32 rounds them coarsely.
+    /// `properties` names further properties of a PLY file to load, for graphs that import `scene.property.NAME`, and
+    /// for `Scene.properties`. Warns (`UserWarning`) of positions so far from 0 that float32 rounds them coarsely.
     ///
     /// Raises:
-    ///     SceneError: the file is not a scene, or cannot be read.
+    ///     SceneError: the file is not a scene, cannot be read, or lacks one of the properties.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Scene> {
+    #[pyo3(signature = (path, *, properties = Vec::new()), text_signature = "(path, *, properties=())")]
+    fn load(py: Python<'_>, path: PathBuf, properties: Vec<String>) -> PyResult<Scene> {
         let name = path.display().to_string();
-        let loaded = wait::run(py, move || assets::Scene::load(path, &|_, _| ControlFlow::Continue(())))?;
+        let load = move || {
+            let options = ReadOptions { properties: &properties, ..ReadOptions::default() };
+            assets::Scene::load_with(path, options, &|_, _| ControlFlow::Continue(()))
+        };
+        let loaded = wait::run(py, load)?;
         let scene = loaded.map_err(|error| SceneError::new_err(error.to_string()))?;
         warn_coarse(py, &name, &scene)?;
         Ok(Scene(Arc::new(scene)))
@@ -54,6 +61,7 @@ impl Scene {
     ///     scales: standard deviations along the axes in world units (not their logarithms), [N, 3].
     ///     opacities: opacities at the centre, 0 to 1 (not their logits), [N].
     ///     sh: spherical harmonics, [N, K, 3] with K = 1, 4, 9 or 16; a colour c is 0.5 + 0.28209 * sh[:, 0].
+    ///     properties: further values of each splat, [N], by name, for graphs that import `scene.property.NAME`.
     ///     like: a scene that the arrays were made from, whose `tags` and mesh the new scene gets. The means are
     ///         relative to its `offset`, as its own are.
     ///
@@ -65,8 +73,8 @@ impl Scene {
     ///     TypeError: an argument is not an array of numbers.
     #[staticmethod]
     #[pyo3(
-        signature = (means, quats, scales, opacities, sh, *, like = None, _checked = true),
-        text_signature = "(means, quats, scales, opacities, sh, *, like=None)"
+        signature = (means, quats, scales, opacities, sh, *, properties = None, like = None, _checked = true),
+        text_signature = "(means, quats, scales, opacities, sh, *, properties=None, like=None)"
     )]
     #[expect(clippy::too_many_arguments, reason = "Python's function has them")]
     fn from_arrays(
@@ -76,6 +84,7 @@ impl Scene {
         scales: &Bound<'_, PyAny>,
         opacities: &Bound<'_, PyAny>,
         sh: &Bound<'_, PyAny>,
+        properties: Option<&Bound<'_, PyDict>>,
         like: Option<&Scene>,
         _checked: bool,
     ) -> PyResult<Scene> {
@@ -102,6 +111,13 @@ impl Scene {
         let splats = u32::try_from(count).map_err(|_| {
             PyValueError::new_err(format!("means: expected at most {} splats, found {count}", u32::MAX))
         })?;
+        let (mut names, mut columns) = (Vec::new(), Vec::new());
+        for (name, values) in properties.into_iter().flatten() {
+            let name: String = name.extract()?;
+            columns.push(take::<f32>(&values, &name, &[Some(count)])?.values);
+            names.push(name);
+        }
+        let properties = Properties { names, value: &|index, name| columns[name][index] };
         let [quats, scales, opacities, sh] = [quats, scales, opacities, sh].map(|array| array.values);
         let splat = |index: usize| {
             let mut all = [0.0; 48];
@@ -117,13 +133,15 @@ impl Scene {
         let degree = degree as u32;
         wait::pool()?;
         let made = py.detach(|| match &means {
-            Means::Single(means) => assets::Scene::try_generate(splats, degree, |index| Splat {
-                position: three(&means.values, index),
-                ..splat(index)
-            }),
+            Means::Single(means) => {
+                assets::Scene::try_generate_with_properties(splats, degree, properties, |index| Splat {
+                    position: three(&means.values, index),
+                    ..splat(index)
+                })
+            }
             Means::Double(means) => {
                 let position = |index| three(&means.values, index);
-                assets::Scene::try_generate_in_world(splats, degree, position, splat)
+                assets::Scene::try_generate_in_world(splats, degree, properties, position, splat)
             }
         });
         let mut scene = made.map_err(|error| Error::new_err(error.to_string()))?;
@@ -193,6 +211,18 @@ impl Scene {
     fn sh<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let bases = assets::sh_floats(self.0.stored_degree()) / 3;
         give(py, self.0.sh(), &[self.0.count() as usize, bases, 3])
+    }
+
+    /// Further properties of the splats, float32 [N], by name. Copies.
+    #[getter]
+    fn properties<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let found = PyDict::new(py);
+        for (at, name) in self.0.property_names().iter().enumerate() {
+            let values: Vec<f32> =
+                (0..self.0.count() as usize).map(|index| self.0.property(index, at)).collect();
+            found.set_item(name, give(py, &values, &[values.len()])?)?;
+        }
+        Ok(found)
     }
 
     /// Highest band of spherical harmonics with a coefficient other than 0 in any splat.

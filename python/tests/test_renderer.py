@@ -35,6 +35,22 @@ def test_a_scene_has_the_arrays_that_it_was_made_of(tmp_path):
     assert Scene.from_arrays(means, quats, scales, opacities, sh).dropped == 1
 
 
+def test_properties_of_ones_own_come_from_arrays_and_files_and_stay_with_their_splats(tmp_path):
+    means, *others = random_splats(1, 50, 2)
+    means[3, 1] = np.nan
+    label = np.arange(50)
+    scene = Scene.from_arrays(means, *others, properties={"label": label})
+    np.testing.assert_array_equal(scene.properties["label"], np.delete(label, 3))
+    scene.save(tmp_path / "scene.ply")
+    assert Scene.load(tmp_path / "scene.ply").properties == {}
+    again = Scene.load(tmp_path / "scene.ply", properties=["label"])
+    np.testing.assert_array_equal(again.properties["label"], np.delete(label, 3))
+    with pytest.raises(splatgraph.SceneError, match="expected a property `labels`, found none; did you mean `label`"):
+        Scene.load(tmp_path / "scene.ply", properties=["labels"])
+    with pytest.raises(ValueError, match=r"label: expected the shape \[50\]"):
+        Scene.from_arrays(means, *others, properties={"label": label[:-1]})
+
+
 def test_mistakes_in_arrays_and_files_are_told_by_name(tmp_path):
     means, quats, scales, opacities, sh = random_splats(1, 50, 2)
     with pytest.raises(ValueError, match="sh: expected 1, 4, 9 or 16 bases"):

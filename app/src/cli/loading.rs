@@ -117,7 +117,7 @@ pub fn scene_or_demo(
     load: &LoadOptions,
 ) -> Result<(Scene, PathBuf, Option<Camera>)> {
     let Some(path) = path else {
-        let (scene, path) = load_demo(&load.file.into())?;
+        let (scene, path) = load_demo(&load.file.clone().into())?;
         return Ok((load.kept(&path, scene)?, path, demo::camera()));
     };
     Ok((load_scene_unless(cancel, path, load)?, path.to_owned(), None))

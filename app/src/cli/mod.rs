@@ -445,7 +445,11 @@ mod tests {
             let Command::Info(args) = Cli::try_parse_from(line.split(' ')).expect(line).command else {
                 panic!("{line}: expected info")
             };
-            assert_eq!(args.load.file, FileOptions { ignore_tags: true, level: Some(2) }, "{line}");
+            assert_eq!(
+                args.load.file,
+                FileOptions { ignore_tags: true, level: Some(2), ..FileOptions::default() },
+                "{line}"
+            );
         }
     }
 

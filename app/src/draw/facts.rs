@@ -5,8 +5,10 @@
 
 use crate::draw::camera::{CAMERA, CAMERA_BYTES};
 use crate::draw::keys;
-use splatgraph_assets::{ATTRIBUTES, Filter, MESH_ATTRIBUTES, Scene, SortKey, Splat};
-use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, FEATURE_FACTS, Facts, Features, Value};
+use splatgraph_assets::{ATTRIBUTES, Filter, MESH_ATTRIBUTES, PROPERTY_ATTRIBUTE, Scene, SortKey, Splat};
+use splatgraph_framework::ir::{
+    Attribute, Catalog, DeviceFacts, FEATURE_FACTS, Facts, Family, Features, Value,
+};
 use std::collections::BTreeMap;
 
 /// Default width and height of a picture, in pixels.
@@ -215,12 +217,16 @@ pub fn set_device_fact(device: &mut DeviceFacts, name: &str, value: &Value) -> R
 
 /// Lists the imports of a graph that draws `scene`.
 pub fn catalog(scene: &Scene) -> Catalog {
-    let attributes = ATTRIBUTES.iter().chain(&MESH_ATTRIBUTES).filter_map(|name| {
-        let info = scene.attribute(name)?;
-        Some((name.to_string(), Attribute { stride: info.stride, count: info.count, planes: info.planes }))
+    let properties = scene.property_names().iter().map(|name| format!("{PROPERTY_ATTRIBUTE}{name}"));
+    let names = ATTRIBUTES.iter().chain(&MESH_ATTRIBUTES).map(|name| (*name).to_owned()).chain(properties);
+    let attributes = names.filter_map(|name| {
+        let info = scene.attribute(&name)?;
+        Some((name, Attribute { stride: info.stride, count: info.count, planes: info.planes }))
     });
+    let help = "--property NAME loads a property of a PLY file".to_owned();
     Catalog {
         attributes: attributes.collect(),
+        families: [(PROPERTY_ATTRIBUTE.to_owned(), Family { any: None, help })].into(),
         uniforms: [(CAMERA.to_owned(), CAMERA_BYTES)].into(),
         ..Catalog::default()
     }
@@ -233,6 +239,8 @@ pub fn with_count(mut catalog: Catalog, splats: u64) -> Catalog {
             attribute.count = splats;
         }
     }
+    let any = catalog.families.values_mut().filter_map(|family| family.any.as_mut());
+    any.for_each(|attribute| attribute.count = splats);
     catalog
 }
 
@@ -247,7 +255,10 @@ pub fn nominal_catalog() -> Catalog {
     };
     // Strides depend only on the degree.
     let scene = Scene::generate(1, SceneFacts::NOMINAL.stored_sh_degree, splat);
-    with_count(catalog(&scene), SceneFacts::NOMINAL.count)
+    let mut catalog = catalog(&scene);
+    let any = Attribute { stride: 4, count: SceneFacts::NOMINAL.count, planes: 1 };
+    catalog.families.values_mut().for_each(|family| family.any = Some(any));
+    with_count(catalog, SceneFacts::NOMINAL.count)
 }
 
 #[cfg(test)]

@@ -343,9 +343,9 @@ impl Fit {
     /// with `load`.
     pub fn advice(&self, path: &Path, load: &LoadOptions) -> String {
         let Some(most) = self.most_splats.filter(|_| load.condition.is_none()) else { return String::new() };
-        let FileOptions { ignore_tags, level } = load.file;
+        let level = load.file.level;
         let coarser = level.unwrap_or(0).saturating_add(1)..;
-        let options = |level| LoadOptions::from(FileOptions { ignore_tags, level: Some(level) });
+        let options = |level| LoadOptions::from(FileOptions { level: Some(level), ..load.file.clone() });
         let count = |level| Some((level, options(level).header(path).ok()?.count));
         if let Some((level, count)) = coarser.map_while(count).find(|(_, count)| *count <= most) {
             return format!("  `--level {level}` has {}\n", grouped(count));

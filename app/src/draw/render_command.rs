@@ -59,7 +59,9 @@ mod tests {
         let set = [("cutoff", "3.0"), ("mode", "a b")];
         let [scene, output] = ["-a scene.ply", "picture.png"].map(Path::new);
         let condition = Some("x < 2".parse().unwrap());
-        let load = LoadOptions { file: FileOptions { ignore_tags: true, level: Some(1) }, condition };
+        let properties = vec!["label".to_owned()];
+        let load =
+            LoadOptions { file: FileOptions { ignore_tags: true, level: Some(1), properties }, condition };
         let line = line((scene, &load), &camera, "tiled", set, [0.25, 0.1, 1.0], output);
         let words = format!("printf '%s\\n' {}", line.strip_prefix("splatgraph render ").unwrap());
         let output = std::process::Command::new("sh").args(["-c", &words]).output().unwrap();
@@ -73,6 +75,8 @@ mod tests {
                 "--ignore-tags",
                 "--level",
                 "1",
+                "--property",
+                "label",
                 "--where",
                 "x < 2",
                 "--cameras",

@@ -16,7 +16,8 @@ pub struct Condition {
     expr: Expr,
 }
 
-/// Names in a [`Condition`]: centre in the world, opacity of 0 to 1, standard deviations, band 0, and the index.
+/// Names in a [`Condition`]: centre in the world, opacity of 0 to 1, standard deviations, band 0, and the index. The
+/// names of the scene's further properties are added to them.
 const NAMES: [&str; 10] =
     ["x", "y", "z", "opacity", "scale_min", "scale_max", "red", "green", "blue", "index"];
 
@@ -45,12 +46,15 @@ impl Scope for Properties<'_> {
             "green" => color(1),
             "blue" => color(2),
             "index" => return Some(Value::Int(self.index.into())),
-            _ => return None,
+            _ => {
+                let property = scene.property_names().iter().position(|own| own == name)?;
+                scene.property(at, property).into()
+            }
         }))
     }
 
     fn names(&self) -> Vec<String> {
-        NAMES.map(str::to_owned).into()
+        NAMES.map(str::to_owned).into_iter().chain(self.scene.property_names().iter().cloned()).collect()
     }
 }
 

@@ -311,7 +311,7 @@ pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
 }
 
 /// Lists the losses that a scene's contents cause in a file of a format, one phrase each. These are tags, the order by
-/// depth, precision of positions, and the mesh.
+/// depth, precision of positions, further properties, and the mesh.
 pub fn not_stored(scene: &Scene, format: SceneFormat) -> Vec<String> {
     let mut losses = Vec::new();
     // First, because a scene is moved to the origin before it is turned about it.
@@ -325,6 +325,8 @@ pub fn not_stored(scene: &Scene, format: SceneFormat) -> Vec<String> {
         losses.push(format!("positions: rounded to 32 bits{by}, by {rounding:.1e} at most{advice}"));
     }
     losses.extend(coarse_positions(scene, format));
+    let properties = listed(scene.property_names()).filter(|_| format != SceneFormat::Ply);
+    losses.extend(properties.map(|names| format!("properties that only PLY files have: {names}")));
     let kept = format.kept_tags(scene.notes()).tags();
     let lost = scene.notes().tags().into_iter().filter(|tag| !kept.contains(tag));
     losses.extend(lost.filter_map(|(tag, value)| match kept.iter().find(|(other, _)| *other == tag) {

@@ -71,7 +71,7 @@ pub fn measure(
     truth: Option<Scene>,
     cameras: &[Camera],
     formats: &[SceneFormat],
-    load: FileOptions,
+    load: &FileOptions,
 ) -> Result<Vec<Price>> {
     let (scene, truth) = (&scene.with_mesh(None), truth.map(|truth| truth.with_mesh(None)));
     let mut bytes = Vec::new();
@@ -115,7 +115,7 @@ fn price(
     cameras: &[Camera],
     views: &[Image],
     (format, version): (SceneFormat, Option<SpzVersion>),
-    load: FileOptions,
+    load: &FileOptions,
     bytes: &mut Vec<u8>,
 ) -> Result<Price> {
     bytes.clear();
@@ -178,7 +178,7 @@ mod tests {
             None,
             &cameras,
             &[SceneFormat::Ply, SceneFormat::Spz],
-            FileOptions::default(),
+            &FileOptions::default(),
         );
         let prices = prices.expect("prices");
         let json = serde_json::to_value(&prices).expect("JSON");
@@ -194,9 +194,9 @@ mod tests {
         let scene = || synth::generate("demo", 300, 0).expect("it is generated").without_tags();
         let camera = Camera::framing(&scene(), 64, 48);
         let price = |ignore_tags| {
-            let load = FileOptions { ignore_tags, level: None };
+            let load = FileOptions { ignore_tags, ..FileOptions::default() };
             let (formats, cameras) = ([SceneFormat::Gltf], std::slice::from_ref(&camera));
-            let prices = measure(scene(), None, cameras, &formats, load).expect("a price");
+            let prices = measure(scene(), None, cameras, &formats, &load).expect("a price");
             measured(&prices, "glb").clone()
         };
         let told = price(false);
@@ -218,7 +218,7 @@ mod tests {
             None,
             std::slice::from_ref(&camera),
             &SceneFormat::WRITTEN,
-            FileOptions::default(),
+            &FileOptions::default(),
         )
         .expect("prices");
         assert_eq!(prices.len(), SceneFormat::WRITTEN.len() + 1);
@@ -227,7 +227,7 @@ mod tests {
         assert!(db("ply") > 90.0, "{}", db("ply"));
         assert!(db("splat") < db("ply") && of("splat").bytes == 32 * 300);
         assert_eq!(of("spz, version 3").least_psnr_db, of("spz, version 4").least_psnr_db);
-        let prices = measure(cut, Some(whole), &[camera], &[SceneFormat::Ply], FileOptions::default())
+        let prices = measure(cut, Some(whole), &[camera], &[SceneFormat::Ply], &FileOptions::default())
             .expect("prices");
         let db = measured(&prices, "ply").least_psnr_db;
         assert!(db.is_some_and(|db| db < 60.0), "the bands that were cut count as error: {db:?}");

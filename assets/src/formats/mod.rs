@@ -1,8 +1,8 @@
 //! Loads and writes scene files: recognises the format from the bytes, and calls its reader.
 
 use crate::composition::{self, Placed};
-use crate::error::{LoadError, SceneError, wrong};
-use crate::input::{HEAD, Input, OpenFile, Progress, SceneHeader, Source};
+use crate::error::{LoadError, SceneError, nearest, wrong};
+use crate::input::{HEAD, Input, OpenFile, Progress, ReadOptions, SceneHeader, Source};
 use crate::memory;
 use crate::mesh::Mesh;
 use crate::recognise;
@@ -151,10 +151,10 @@ impl SceneHeader {
         Self::load_level(path, None)
     }
 
-    /// Reads the header of a level; see [`Scene::load_level`].
+    /// Reads the header of a level; see [`ReadOptions::level`].
     ///
     /// # Errors
-    /// The errors of [`Scene::load_level`] that the headers and the files' lengths reveal.
+    /// The errors of [`Scene::load_with`] that the headers and the files' lengths reveal.
     pub fn load_level(path: impl AsRef<Path>, level: Option<u32>) -> Result<Self, LoadError> {
         let path = path.as_ref();
         match Self::open(path, level)? {
@@ -266,56 +266,80 @@ impl Scene {
     /// The file cannot be read, is a mesh or not a scene, is damaged, does not fit in memory, or was modified during
     /// the read; or `progress` cancelled. See [`SceneError`].
     pub fn load(path: impl AsRef<Path>, progress: Progress) -> Result<Self, LoadError> {
-        Self::load_level(path, None, progress)
+        Self::load_with(path, ReadOptions::default(), progress)
     }
 
-    /// Loads a level of a streamed SOG. Level 0 is the finest, and the default. In a composition, the level applies to
-    /// the scenes that have levels.
+    /// Loads a scene with options. In a composition, a level applies to the scenes that have levels, and further
+    /// properties are 0 for the splats of scenes that lack them.
     ///
     /// # Errors
-    /// The errors of [`Scene::load`], a level for scenes without levels, and a level that a scene lacks.
-    pub fn load_level(
+    /// The errors of [`Scene::load`], a level for scenes without levels, a level that a scene lacks, and a property that
+    /// all scenes lack.
+    pub fn load_with(
         path: impl AsRef<Path>,
-        level: Option<u32>,
+        options: ReadOptions,
         progress: Progress,
     ) -> Result<Self, LoadError> {
         let path = path.as_ref();
-        match Self::load_any(path, level, progress)? {
+        match Self::load_any(path, options, progress)? {
             Content::Splats(scene) => Ok(*scene),
             Content::Mesh(_) => Err(SceneError::MeshAlone.of(path)),
         }
     }
 
-    /// Loads a scene like [`Scene::load_level`], or a mesh (glTF).
+    /// Loads a scene like [`Scene::load_with`], or a mesh (glTF).
     ///
     /// # Errors
-    /// The errors of [`Scene::load_level`] and of [`Mesh::parse`].
+    /// The errors of [`Scene::load_with`] and of [`Mesh::parse`].
     pub fn load_any(
         path: impl AsRef<Path>,
-        level: Option<u32>,
+        options: ReadOptions,
         progress: Progress,
     ) -> Result<Content, LoadError> {
         let path = path.as_ref();
-        match Self::load_one(path, level, progress)? {
-            Found::One(scene) => Ok(Content::Splats(scene.into())),
-            Found::Mesh(mesh) => Ok(Content::Mesh(mesh.into())),
+        let scene = match Self::load_one(path, options, progress)? {
+            Found::One(scene) => scene,
+            Found::Mesh(mesh) => return Ok(Content::Mesh(mesh.into())),
             Found::Several(parts) => {
-                let headers = SceneHeader::of_parts(path, &parts, level)?;
+                let headers = SceneHeader::of_parts(path, &parts, options.level)?;
                 SceneHeader::check_joined(&headers, 0, memory::available())
                     .map_err(|error| SceneError::Memory(error).of(path))?;
-                let (scene, elements) = Self::load_placed(path, &parts, level, progress)?;
+                let (scene, elements) = Self::load_placed(path, &parts, options, progress)?;
                 let header_bytes = std::fs::metadata(path).map_or(0, |found| found.len());
                 let file_bytes = header_bytes + elements.iter().map(|element| element.bytes).sum::<u64>();
                 let format = format!("list of scenes, {} files", elements.len());
                 let breakdown = SizeBreakdown::new(format, file_bytes, header_bytes, elements);
-                Ok(Content::Splats(scene.with_breakdown(breakdown).into()))
+                scene.with_breakdown(breakdown)
             }
+        };
+        let lacks = |name: &&String| !scene.property_names().contains(name);
+        match options.properties.iter().find(lacks) {
+            Some(name) => Err(scene.no_property(name).of(path)),
+            None => Ok(Content::Splats(scene.into())),
         }
     }
 
-    fn load_one(path: &Path, level: Option<u32>, progress: Progress) -> Result<Found<Self>, LoadError> {
+    /// Creates the error for a further property that no file of the scene has.
+    fn no_property(&self, name: &str) -> SceneError {
+        let fields = self.size_breakdown().elements.iter().flat_map(|element| &element.fields);
+        let names: Vec<&str> = fields.map(|field| field.name.as_str()).collect();
+        let near = nearest(name, names.iter().copied()).map(|near| format!("; did you mean `{near}`?"));
+        let format = &self.size_breakdown().format;
+        let others = || match format.split(',').next() {
+            Some("ply") => "; `splatgraph info` lists its properties".to_owned(),
+            Some("list of scenes") => " in any of its files".to_owned(),
+            _ => format!("; only PLY files have further properties, and this is {format}"),
+        };
+        SceneError::Invalid(format!(
+            "expected a property `{name}`, found none{}",
+            near.unwrap_or_else(others)
+        ))
+    }
+
+    fn load_one(path: &Path, options: ReadOptions, progress: Progress) -> Result<Found<Self>, LoadError> {
+        let ReadOptions { level, properties } = options;
         let one = |source: &Source, path: &Path| {
-            parse(&Input { source, memory: memory::available(), progress }, Some(path), level)
+            parse(&Input { source, memory: memory::available(), progress, properties }, Some(path), level)
         };
         open(path, one, mesh)
     }
@@ -325,7 +349,7 @@ impl Scene {
     fn load_placed(
         path: &Path,
         parts: &[Placed],
-        level: Option<u32>,
+        options: ReadOptions,
         progress: Progress,
     ) -> Result<(Self, Vec<ElementSize>), LoadError> {
         let folder = path.parent().unwrap_or(Path::new(""));
@@ -352,8 +376,10 @@ impl Scene {
                     sizes.push(ElementSize::new(&format!("{name} ({format})"), rows, vec![contents]));
                 }
             };
-            let (found, _) =
-                at_level(level, |level| Self::load_one(&part.file, level, &tell)).map_err(fail)?;
+            let (found, _) = at_level(options.level, |level| {
+                Self::load_one(&part.file, ReadOptions { level, ..options }, &tell)
+            })
+            .map_err(fail)?;
             let scene = match found {
                 Found::One(scene) => {
                     let rows = u64::from(scene.count()) + scene.dropped().total();
@@ -400,7 +426,7 @@ impl Scene {
     /// # Errors
     /// The errors of [`Scene::load`].
     pub fn parse(bytes: &[u8], progress: Progress) -> Result<Self, SceneError> {
-        parse(&Input { source: &Source::Bytes(bytes), memory: memory::available(), progress }, None, None)
+        parse(&Input::new(&Source::Bytes(bytes), memory::available(), progress), None, None)
     }
 
     /// Writes the scene as SPZ of a given version; [`Scene::write`] uses the newest.

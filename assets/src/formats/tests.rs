@@ -229,7 +229,7 @@ fn progress_ends_at_all_bytes() {
 fn a_scene_larger_than_the_memory_is_refused() {
     let with = |bytes: &[u8], memory| {
         let source = &Source::Bytes(bytes);
-        parse(&Input { source, memory: Some(memory), progress: crate::QUIET }, None, None)
+        parse(&Input::new(source, Some(memory), crate::QUIET), None, None)
     };
     for (name, bytes) in files(5000, 3) {
         assert!(matches!(with(&bytes, 200_000), Err(SceneError::Memory(_))), "{name}");
@@ -392,7 +392,7 @@ fn a_mesh_that_is_too_long_or_beyond_the_memory_is_refused_before_it_is_read() {
     std::fs::write(&path, b"glTF\x02\0\0\0").unwrap();
     // A sparse file, which takes no space.
     std::fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(1 << 40).unwrap();
-    let said = Scene::load_any(&path, None, crate::QUIET).unwrap_err().to_string();
+    let said = Scene::load_any(&path, ReadOptions::default(), crate::QUIET).unwrap_err().to_string();
     assert!(said.ends_with("bytes, found 1099511627776") && said.contains("expected a file of"), "{said}");
     assert!(check_mesh(1000, Some(2000)).is_ok() && check_mesh(1000, Some(1999)).is_err());
     assert!(check_mesh(MAX_MESH, None).is_ok() && check_mesh(MAX_MESH + 1, None).is_err());

@@ -214,7 +214,8 @@ fn nodes_that_place_one_spz_file_are_counted_before_it_is_unpacked() {
     document["scenes"] = json!([{ "nodes": (0..200).collect::<Vec<_>>() }]);
     let glb = glb_file::joined(&document, &binary);
     let with = |memory: u64| {
-        let input = Input { source: &Source::Bytes(&glb), memory: Some(memory), progress: QUIET };
+        let source = Source::Bytes(&glb);
+        let input = Input::new(&source, Some(memory), QUIET);
         super::parse(&input, None)
     };
     let found = with(64 << 20).unwrap();

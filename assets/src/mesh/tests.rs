@@ -221,7 +221,10 @@ fn scene_files_place_meshes_and_a_mesh_alone_is_no_scene() {
         Scene::load(at("stone.glb"), crate::QUIET).unwrap_err(),
         "expected splats, found a mesh; a scene file",
     );
-    assert!(matches!(Scene::load_any(at("stone.glb"), None, crate::QUIET), Ok(Content::Mesh(_))));
+    assert!(matches!(
+        Scene::load_any(at("stone.glb"), crate::ReadOptions::default(), crate::QUIET),
+        Ok(Content::Mesh(_))
+    ));
 }
 
 #[test]

@@ -14,8 +14,8 @@ const OPACITY: usize = 10;
 const DC: usize = 11;
 const REST: usize = 14;
 
-/// Maximum number of slots: the values of a splat of degree 3, and [`FILTER`].
-pub(crate) const MAX_SLOTS: usize = REST + 45 + 1;
+/// Maximum number of slots for the splat: the values of degree 3, and [`FILTER`].
+const MAX_SLOTS: usize = REST + 45 + 1;
 
 /// Names of the properties of a splat, in slot order.
 const NAMES: [&str; REST] = [
@@ -77,7 +77,7 @@ pub(crate) struct Layout {
     pub harmonics: Rest,
     /// Bytes of a binary row.
     pub stride: usize,
-    /// Slot of each value: [`NAMES`], then `f_rest_*`, then perhaps [`FILTER`].
+    /// Slot of each value: [`NAMES`], then `f_rest_*`, then perhaps [`FILTER`], then further properties.
     pub slots: Vec<Slot>,
     /// Index of the slot that each column fills; `None` for a column that no splat uses.
     pub slot_of: Vec<Option<usize>>,
@@ -85,6 +85,8 @@ pub(crate) struct Layout {
     colors: bool,
     /// Index of the slot of [`FILTER`]; `None` if the file lacks it.
     filter: Option<usize>,
+    /// Further properties to read, those of the splat included: names, and indices of their slots.
+    pub properties: (Vec<String>, Vec<usize>),
 }
 
 /// An element's properties `f_rest_*`, the harmonics above band 0.
@@ -133,7 +135,8 @@ impl Rest {
 }
 
 impl Layout {
-    pub(crate) fn find(vertex: &Element) -> Result<Self, SceneError> {
+    /// Finds the slots of a splat, and of those of the further `properties` that the element has.
+    pub(crate) fn find(vertex: &Element, properties: &[String]) -> Result<Self, SceneError> {
         let line = vertex.line;
         let has = |name: &str| vertex.properties.iter().any(|property| property.name == name);
         let prefix = PREFIXES.into_iter().find(|prefix| has(&format!("{prefix}scale_0"))).unwrap_or("");
@@ -182,7 +185,17 @@ impl Layout {
         for (index, slot) in slots.iter().enumerate() {
             slot_of[slot.column] = Some(index);
         }
-        Ok(Self { harmonics, stride, slots, slot_of, colors, filter })
+        let mut further = (Vec::new(), Vec::new());
+        for name in properties {
+            let Some(slot) = find(name) else { continue };
+            let index = *slot_of[slot.column].get_or_insert_with(|| {
+                slots.push(slot);
+                slots.len() - 1
+            });
+            further.0.push(name.clone());
+            further.1.push(index);
+        }
+        Ok(Self { harmonics, stride, slots, slot_of, colors, filter, properties: further })
     }
 
     /// Adds the tags that the properties imply to those of the header.

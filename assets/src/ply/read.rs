@@ -5,7 +5,7 @@
 //! in length, so a first pass finds the start of each chunk.
 
 use super::header::{Element, Encoding, HEADER_LIMIT, Header};
-use super::layout::{self, Layout, MAX_SLOTS};
+use super::layout::{self, Layout};
 use super::origin::Sample;
 use super::packed::Packed;
 use super::{ascii, binary};
@@ -23,8 +23,9 @@ enum Stored {
     Packed(Packed),
 }
 
-/// Reads the header, finds the splats' properties, and checks the number of rows. Also returns the number of splats.
-fn header(source: &Source) -> Result<(Header, Stored, u64), SceneError> {
+/// Reads the header, finds the splats' properties and further ones, and checks the number of rows. Also returns the
+/// number of splats.
+fn header(source: &Source, properties: &[String]) -> Result<(Header, Stored, u64), SceneError> {
     // One byte more than the limit, to distinguish a header that is too long from one that is cut off.
     let header = Header::parse(&source.head(HEADER_LIMIT + 1)?)?;
     let vertex = header.vertex()?;
@@ -32,7 +33,7 @@ fn header(source: &Source) -> Result<(Header, Stored, u64), SceneError> {
     let packed = vertex.properties.iter().any(|property| property.name == "packed_position");
     let stored = match packed {
         true => Stored::Packed(Packed::find(&header)?),
-        false => Stored::Plain(Layout::find(vertex)?),
+        false => Stored::Plain(Layout::find(vertex, properties)?),
     };
     let count = vertex.count;
     if count == 0 {
@@ -53,7 +54,7 @@ fn header(source: &Source) -> Result<(Header, Stored, u64), SceneError> {
 }
 
 pub(crate) fn scene_header(source: &Source) -> Result<SceneHeader, SceneError> {
-    let (_, stored, count) = header(source)?;
+    let (_, stored, count) = header(source, &[])?;
     let stored_degree = match stored {
         Stored::Plain(layout) => layout.harmonics.degree,
         Stored::Packed(packed) => packed.harmonics.degree,
@@ -62,7 +63,7 @@ pub(crate) fn scene_header(source: &Source) -> Result<SceneHeader, SceneError> {
 }
 
 pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
-    let (header, stored, count) = header(input.source)?;
+    let (header, stored, count) = header(input.source, input.properties)?;
     let layout = match stored {
         Stored::Plain(layout) => layout,
         Stored::Packed(packed) => return packed.parse(input, &header),
@@ -119,22 +120,31 @@ impl File<'_> {
             origin = sample.origin();
         }
         let done = Done::new(count * layout.stride as u64, input.progress)?;
-        let filled =
-            input.fill((count, layout.harmonics.degree, is_wide), [table], 0, &done, |[row], _, out| {
+        let (names, further) = &layout.properties;
+        let filled = input.fill_with(
+            names,
+            (count, layout.harmonics.degree, is_wide),
+            [table],
+            0,
+            &done,
+            |[row], _, out| {
                 let position = |axis: usize| coordinate(row, axis) - origin[axis];
+                let value = |slot: usize| {
+                    let place = layout.slots[slot];
+                    place.scalar.value::<BIG>(&row[place.offset..])
+                };
                 let (splat, norm) = layout.splat(|slot| match wide.get(slot) {
                     Some(true) => position(slot) as f32,
-                    _ => {
-                        let place = layout.slots[slot];
-                        place.scalar.value::<BIG>(&row[place.offset..])
-                    }
+                    _ => value(slot),
                 });
+                out.set_properties(|name| value(further[name]));
                 if is_wide {
                     out.push_wide(&splat, std::array::from_fn(position), norm);
                 } else {
                     out.push(&splat, norm);
                 }
-            })?;
+            },
+        )?;
         Ok(Body { filled, origin, elements })
     }
 
@@ -189,14 +199,16 @@ impl File<'_> {
             }
         }
         let origin = sample.map_or([0.0; 3], Sample::origin);
-        let mut columns = input.allocate(vertex.count, layout.harmonics.degree, is_wide, (0, 0))?;
+        let (names, further) = &layout.properties;
+        let columns = input.allocate(vertex.count, layout.harmonics.degree, is_wide, (0, 0))?;
+        let mut columns = columns.with_properties(names)?;
         let done = Done::new(lines.place().at - start, input.progress)?;
         let sizes: Vec<AtomicU64> = vertex.properties.iter().map(|_| AtomicU64::new(0)).collect();
         let gathered = columns.fill(|out: &mut Rows| {
             done.check()?;
             let place = chunks[out.first() / CHUNK];
             let mut lines = ascii::Lines::new(input.source, place);
-            let mut slots = [0.0; MAX_SLOTS];
+            let mut slots = vec![0.0; layout.slots.len()];
             let mut chunk_sizes = vec![0; vertex.properties.len()];
             for index in 0..out.len() {
                 let row = (out.first() + index) as u64;
@@ -208,6 +220,10 @@ impl File<'_> {
                     return Err(short_row(&line, vertex, row));
                 }
                 let (splat, norm) = layout.splat(|slot| slots[slot]);
+                out.set_properties(|name| match further[name] {
+                    axis @ 0..3 => (position[axis] + origin[axis]) as f32,
+                    slot => slots[slot],
+                });
                 out.push_wide(&splat, position, norm);
             }
             for (sum, size) in sizes.iter().zip(chunk_sizes) {

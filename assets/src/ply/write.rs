@@ -1,4 +1,5 @@
-//! Writes scenes in the reference layout: binary, little endian, all properties `float`.
+//! Writes scenes in the reference layout: binary, little endian, all properties `float`. Further properties that the
+//! scene was loaded with come last.
 //!
 //! In a scene with an offset or wide positions, positions are `double`, because `float` lacks the precision.
 
@@ -30,8 +31,31 @@ fn kind(column: usize, wide: bool) -> (&'static str, u64) {
     if wide && column < 3 { ("double", 8) } else { ("float", 4) }
 }
 
-fn header(count: u64, degree: u32, wide: bool, comments: &str) -> String {
-    let names = property_names(degree).into_iter().enumerate();
+/// Lists the further properties of a scene that are not among those of its splats: indices and names.
+fn further(scene: &Scene) -> Vec<(usize, &str)> {
+    let own = property_names(scene.stored_degree());
+    let all = scene.property_names().iter().map(String::as_str).enumerate();
+    all.filter(|(_, name)| !own.iter().any(|own| own == name)).collect()
+}
+
+/// The columns of a file.
+struct Columns<'a> {
+    count: u64,
+    degree: u32,
+    wide: bool,
+    further: &'a [(usize, &'a str)],
+}
+
+impl Columns<'_> {
+    fn names(&self) -> Vec<String> {
+        let further = self.further.iter().map(|(_, name)| (*name).to_owned());
+        property_names(self.degree).into_iter().chain(further).collect()
+    }
+}
+
+fn header(columns: &Columns, comments: &str) -> String {
+    let (count, wide) = (columns.count, columns.wide);
+    let names = columns.names().into_iter().enumerate();
     let properties: String =
         names.map(|(column, name)| format!("property {} {name}\n", kind(column, wide).0)).collect();
     format!(
@@ -39,14 +63,15 @@ fn header(count: u64, degree: u32, wide: bool, comments: &str) -> String {
     )
 }
 
-fn size_breakdown(count: u64, degree: u32, wide: bool, comments: &str) -> SizeBreakdown {
+fn size_breakdown(columns: &Columns, comments: &str) -> SizeBreakdown {
+    let count = columns.count;
     let field = |(column, name): (usize, String)| {
-        let (kind, size) = kind(column, wide);
-        let used = !name.starts_with('n');
+        let (kind, size) = kind(column, columns.wide);
+        let used = !["nx", "ny", "nz"].contains(&name.as_str());
         FieldSize { used, ..FieldSize::column(name, kind, size, count) }
     };
-    let fields = property_names(degree).into_iter().enumerate().map(field).collect();
-    let header_bytes = header(count, degree, wide, comments).len() as u64;
+    let fields = columns.names().into_iter().enumerate().map(field).collect();
+    let header_bytes = header(columns, comments).len() as u64;
     let vertex = ElementSize::new("vertex", count, fields);
     let format = "ply, binary_little_endian".into();
     SizeBreakdown::new(format, header_bytes + vertex.bytes, header_bytes, vec![vertex])
@@ -55,9 +80,12 @@ fn size_breakdown(count: u64, degree: u32, wide: bool, comments: &str) -> SizeBr
 impl Scene {
     /// Returns the sizes of the parts of the file; for a generated scene, of the file that [`Scene::write_ply`] writes.
     pub fn size_breakdown(&self) -> &SizeBreakdown {
-        let wide = self.is_offset();
-        let (count, degree) = (self.count().into(), self.stored_degree());
-        self.size_breakdown.get_or_init(|| size_breakdown(count, degree, wide, &tags::comments(self)))
+        self.size_breakdown
+            .get_or_init(|| size_breakdown(&self.ply_columns(&further(self)), &tags::comments(self)))
+    }
+
+    fn ply_columns<'a>(&self, further: &'a [(usize, &'a str)]) -> Columns<'a> {
+        Columns { count: self.count().into(), degree: self.stored_degree(), wide: self.is_offset(), further }
     }
 
     /// Returns true if positions need more precision than `float`.
@@ -83,16 +111,18 @@ impl Scene {
     /// # Errors
     /// The writer fails.
     pub fn write_ply_to(&self, out: &mut impl Write) -> std::io::Result<()> {
-        let count = self.count() as usize;
-        let (degree, wide) = (self.stored_degree(), self.is_offset());
-        out.write_all(header(count as u64, degree, wide, &tags::comments(self)).as_bytes())?;
-        write_rows(count, out, |index, bytes| {
+        let further = further(self);
+        let columns = self.ply_columns(&further);
+        out.write_all(header(&columns, &tags::comments(self)).as_bytes())?;
+        write_rows(self.count() as usize, out, |index, bytes| {
             let splat = self.splat(index);
-            match wide {
+            match columns.wide {
                 true => bytes.extend(self.world_position(index).into_iter().flat_map(f64::to_le_bytes)),
                 false => bytes.extend(splat.position.into_iter().flat_map(f32::to_le_bytes)),
             }
-            encode(&splat, degree, bytes);
+            encode(&splat, columns.degree, bytes);
+            let values = further.iter().map(|(name, _)| self.property(index, *name));
+            bytes.extend(values.flat_map(f32::to_le_bytes));
         })
     }
 }
@@ -120,7 +150,7 @@ mod tests {
 
     #[test]
     fn a_reference_file_of_degree_3_has_248_bytes_per_splat() {
-        let size = size_breakdown(1000, 3, false, "");
+        let size = size_breakdown(&Columns { count: 1000, degree: 3, wide: false, further: &[] }, "");
         assert_eq!(size.elements[0].bytes, 248_000);
         assert_eq!(size.sum(), size.file_bytes);
         let text = size.to_string();

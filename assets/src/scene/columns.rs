@@ -19,6 +19,10 @@ pub(crate) struct Columns {
     pub opacity: Vec<f32>,
     /// Coefficients of the harmonics, [`sh_floats`] per splat.
     pub sh: Vec<f32>,
+    /// Names of the properties in `property`.
+    pub property_names: Vec<String>,
+    /// Values of further properties of the file, as many per splat as there are names.
+    pub property: Vec<f32>,
 }
 
 /// A chunk of [`Columns`] that is being filled.
@@ -34,6 +38,9 @@ pub(crate) struct Rows<'a> {
     rotation: &'a mut [[f32; 4]],
     opacity: &'a mut [f32],
     sh: &'a mut [f32],
+    /// Number of further properties.
+    properties: usize,
+    property: &'a mut [f32],
     gathered: Gathered,
 }
 
@@ -45,6 +52,13 @@ impl Rows<'_> {
     /// Returns the number of splats in the chunk. The reader must push each of them once.
     pub(crate) fn len(&self) -> usize {
         self.opacity.len()
+    }
+
+    /// Stores the further properties of the next splat. `value` returns that of a name, by its index.
+    #[inline]
+    pub(crate) fn set_properties(&mut self, value: impl Fn(usize) -> f32) {
+        let row = &mut self.property[self.kept * self.properties..][..self.properties];
+        row.iter_mut().enumerate().for_each(|(name, out)| *out = value(name));
     }
 
     /// Stores the next splat, or counts the reason to drop it. `norm` is the length of the file's quaternion.
@@ -135,9 +149,25 @@ impl Columns {
                 rotation: memory::zeroed(length)?,
                 opacity: memory::zeroed(length)?,
                 sh: memory::zeroed(length.checked_mul(sh_floats(degree))?)?,
+                property_names: Vec::new(),
+                property: Vec::new(),
             })
         };
         columns().ok_or(SceneMemoryError { count, degree, needed, available })
+    }
+
+    /// Allocates arrays for further properties.
+    ///
+    /// Fails if an allocation fails.
+    pub(crate) fn with_properties(self, names: &[String]) -> Result<Self, SceneMemoryError> {
+        let (count, degree) = (self.opacity.len(), self.degree);
+        let property = memory::zeroed(count * names.len()).ok_or_else(|| SceneMemoryError {
+            count: count as u64,
+            degree,
+            needed: (count * names.len() * size_of::<f32>()) as u64,
+            available: None,
+        })?;
+        Ok(Self { property_names: names.to_vec(), property, ..self })
     }
 
     /// Fills all rows in parallel, one chunk per task, and closes the gaps of dropped splats.
@@ -147,10 +177,10 @@ impl Columns {
         &mut self,
         convert: impl Fn(&mut Rows) -> Result<(), E> + Sync,
     ) -> Result<Gathered, E> {
-        let degree = self.degree;
-        let mut low = self.low.chunks_mut(CHUNK);
-        let low: Vec<&mut [[f32; 3]]> =
-            (0..self.position.len().div_ceil(CHUNK)).map(|_| low.next().unwrap_or_default()).collect();
+        let (degree, properties) = (self.degree, self.property_names.len());
+        let chunks = self.position.len().div_ceil(CHUNK);
+        let low = pieces(&mut self.low, 1, chunks);
+        let property = pieces(&mut self.property, properties, chunks);
         let chunks: Vec<Result<(usize, Gathered), E>> = self
             .position
             .par_chunks_mut(CHUNK)
@@ -159,11 +189,23 @@ impl Columns {
             .zip(self.rotation.par_chunks_mut(CHUNK))
             .zip(self.opacity.par_chunks_mut(CHUNK))
             .zip(self.sh.par_chunks_mut(CHUNK * sh_floats(degree)))
+            .zip(property)
             .enumerate()
-            .map(|(chunk, (((((position, low), scale), rotation), opacity), sh))| {
-                let (first, gathered) = (chunk * CHUNK, Gathered::new());
-                let mut rows =
-                    Rows { first, kept: 0, degree, position, low, scale, rotation, opacity, sh, gathered };
+            .map(|(chunk, ((((((position, low), scale), rotation), opacity), sh), property))| {
+                let mut rows = Rows {
+                    first: chunk * CHUNK,
+                    kept: 0,
+                    degree,
+                    position,
+                    low,
+                    scale,
+                    rotation,
+                    opacity,
+                    sh,
+                    properties,
+                    property,
+                    gathered: Gathered::new(),
+                };
                 convert(&mut rows)?;
                 Ok((rows.kept, rows.gathered))
             })
@@ -180,8 +222,15 @@ impl Columns {
         close_gaps(&mut self.rotation, 1, &kept);
         close_gaps(&mut self.opacity, 1, &kept);
         close_gaps(&mut self.sh, sh_floats(degree), &kept);
+        close_gaps(&mut self.property, properties, &kept);
         Ok(all)
     }
+}
+
+/// Splits the values of an array that may be empty into one piece per chunk. A splat has `width` values.
+fn pieces<T>(values: &mut [T], width: usize, chunks: usize) -> Vec<&mut [T]> {
+    let mut pieces = values.chunks_mut(CHUNK * width.max(1));
+    (0..chunks).map(|_| pieces.next().unwrap_or_default()).collect()
 }
 
 /// Moves each chunk's stored values directly behind those of the previous chunk. `kept` has the number of splats that

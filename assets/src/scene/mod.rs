@@ -67,6 +67,19 @@ pub struct Scene {
     pub(crate) identity: OnceLock<u64>,
 }
 
+/// Further properties of generated splats; see [`Scene::property_names`].
+pub struct Properties<'a> {
+    /// The properties' names.
+    pub names: Vec<String>,
+    /// Returns the value of a splat's property; arguments are the splat's index and the name's.
+    pub value: &'a (dyn Fn(usize, usize) -> f32 + Sync),
+}
+
+impl Properties<'_> {
+    /// No properties.
+    pub const NONE: Self = Self { names: Vec::new(), value: &|_, _| 0.0 };
+}
+
 /// Normalises the quaternion of a splat; also returns its original length.
 fn normalised(splat: Splat) -> (Splat, f64) {
     let (rotation, norm) = activation::unit(splat.rotation.map(f64::from));
@@ -125,7 +138,20 @@ impl Scene {
         degree: u32,
         splat: impl Fn(usize) -> Splat + Sync,
     ) -> Result<Self, SceneMemoryError> {
-        Self::generated(count, degree, false, |index| {
+        Self::try_generate_with_properties(count, degree, Properties::NONE, splat)
+    }
+
+    /// Generates a scene like [`Scene::try_generate`], with further properties.
+    ///
+    /// # Errors
+    /// The scene does not fit in memory.
+    pub fn try_generate_with_properties(
+        count: u32,
+        degree: u32,
+        properties: Properties,
+        splat: impl Fn(usize) -> Splat + Sync,
+    ) -> Result<Self, SceneMemoryError> {
+        Self::generated(count, degree, false, properties, |index| {
             let (splat, norm) = normalised(splat(index));
             (splat, splat.position.map(f64::from), norm)
         })
@@ -136,12 +162,15 @@ impl Scene {
         count: u32,
         degree: u32,
         wide: bool,
+        properties: Properties,
         splat: impl Fn(usize) -> (Splat, [f64; 3], f64) + Sync,
     ) -> Result<Self, SceneMemoryError> {
-        let mut columns = Columns::allocate(count.into(), degree.min(3), wide, 0, memory::available())?;
+        let columns = Columns::allocate(count.into(), degree.min(3), wide, 0, memory::available())?;
+        let mut columns = columns.with_properties(&properties.names)?;
         let Ok(gathered) = columns.fill(|rows| {
             for index in rows.first()..rows.first() + rows.len() {
                 let (splat, position, norm) = splat(index);
+                rows.set_properties(|name| (properties.value)(index, name));
                 rows.push_wide(&Splat { position: position.map(|v| v as f32), ..splat }, position, norm);
             }
             Ok::<_, Infallible>(())
@@ -159,7 +188,18 @@ impl Scene {
         wide: bool,
         splat: impl Fn(usize) -> (Splat, [f64; 3]) + Sync,
     ) -> Result<Self, SceneMemoryError> {
-        Self::generated(count, degree, wide, |index| {
+        Self::try_generate_with(count, degree, wide, Properties::NONE, splat)
+    }
+
+    /// Generates a scene like [`Scene::try_generate_at`], with further properties.
+    pub(crate) fn try_generate_with(
+        count: u32,
+        degree: u32,
+        wide: bool,
+        properties: Properties,
+        splat: impl Fn(usize) -> (Splat, [f64; 3]) + Sync,
+    ) -> Result<Self, SceneMemoryError> {
+        Self::generated(count, degree, wide, properties, |index| {
             let (splat, position) = splat(index);
             (splat, position, 1.0)
         })
@@ -171,20 +211,24 @@ impl Scene {
     /// The copy does not fit in memory.
     pub fn cut_to_degree(&self, degree: u32) -> Result<Self, SceneMemoryError> {
         let degree = degree.min(self.stored_degree());
-        self.derived(self.count(), degree, |index| (self.splat(index), self.position(index)))
+        let splat = |index| (self.splat(index), self.position(index));
+        self.derived(self.count(), degree, |index| index, splat)
     }
 
     /// Generates a scene with the offset, tags, comments and mesh of this one. Its positions are wide if this scene's
-    /// are.
+    /// are. `source` returns the index of the splat in this scene whose further properties a splat gets.
     ///
     /// As with [`Scene::try_generate_at`], quaternions must have unit length: they are copied bit by bit.
     pub(crate) fn derived(
         &self,
         count: u32,
         degree: u32,
+        source: impl Fn(usize) -> usize + Sync,
         splat: impl Fn(usize) -> (Splat, [f64; 3]) + Sync,
     ) -> Result<Self, SceneMemoryError> {
-        let derived = Self::try_generate_at(count, degree, self.is_wide(), splat)?;
+        let value = |index: usize, name: usize| self.property(source(index), name);
+        let properties = Properties { names: self.property_names().to_vec(), value: &value };
+        let derived = Self::try_generate_with(count, degree, self.is_wide(), properties, splat)?;
         let derived = derived.with_offset(self.offset).with_notes(self.notes).with_mesh(self.mesh.clone());
         Ok(derived.with_header_comments(self.header_comments.clone()))
     }
@@ -353,6 +397,18 @@ impl Scene {
     /// Within a splat, coefficient `k` of channel `c` is at `3 * k + c`.
     pub fn sh(&self) -> &[f32] {
         &self.columns.sh
+    }
+
+    /// Returns the names of the further properties of its PLY file that the scene was loaded with; see
+    /// [`ReadOptions::properties`](crate::ReadOptions::properties).
+    pub fn property_names(&self) -> &[String] {
+        &self.columns.property_names
+    }
+
+    /// Returns the value in the file of a further property of splat `index`. `name` is an index into
+    /// [`Scene::property_names`].
+    pub fn property(&self, index: usize, name: usize) -> f32 {
+        self.columns.property[index * self.columns.property_names.len() + name]
     }
 
     /// Returns the degree of the stored spherical harmonics.

@@ -1,7 +1,7 @@
 //! Generates scenes from positions of more precision than f32, and finds out when f32 is too coarse.
 
 use super::gathered::CoarsePositions;
-use super::{Scene, Splat, normalised};
+use super::{Properties, Scene, Splat, normalised};
 use crate::bounds::{largest, median};
 use crate::memory::SceneMemoryError;
 use crate::ply::origin::origin;
@@ -65,7 +65,7 @@ impl Scene {
         std::array::from_fn(|axis| 0.0 - (center[axis] + offset[axis]).round())
     }
 
-    /// Generates a scene like [`Scene::try_generate`], from positions in the world; [`Splat::position`] is ignored.
+    /// Generates a scene like [`Scene::try_generate_with_properties`], from positions in the world; [`Splat::position`] is ignored.
     ///
     /// As for a PLY file of doubles, [`Scene::offset`] is an origin near the splats, to which positions are relative.
     ///
@@ -74,11 +74,12 @@ impl Scene {
     pub fn try_generate_in_world(
         count: u32,
         degree: u32,
+        properties: Properties,
         position: impl Fn(usize) -> [f64; 3] + Sync,
         splat: impl Fn(usize) -> Splat + Sync,
     ) -> Result<Self, SceneMemoryError> {
         let origin = origin(count.into(), &position);
-        let scene = Self::generated(count, degree, true, |index| {
+        let scene = Self::generated(count, degree, true, properties, |index| {
             let (splat, norm) = normalised(splat(index));
             let world = position(index);
             (splat, std::array::from_fn(|axis| world[axis] - origin[axis]), norm)
@@ -157,7 +158,7 @@ mod tests {
     fn positions_far_from_the_origin_are_relative_to_an_offset_near_them() {
         let place =
             |index: usize| [1e7 + 0.001 * index as f64, 3.0, if index == 5 { f64::NAN } else { -2e6 }];
-        let scene = Scene::try_generate_in_world(2000, 0, place, splat).unwrap();
+        let scene = Scene::try_generate_in_world(2000, 0, Properties::NONE, place, splat).unwrap();
         assert_eq!(scene.offset(), [10_000_384.0, 0.0, -1_999_872.0]);
         assert_eq!((scene.count(), scene.dropped().total()), (1998, 2));
         let found = scene.world_position(1990)[0];
@@ -168,7 +169,7 @@ mod tests {
     #[test]
     fn positions_near_the_origin_have_no_offset_and_are_not_wide() {
         let place = |index: usize| [0.1 * index as f64, 0.1, -0.3];
-        let scene = Scene::try_generate_in_world(100, 0, place, splat).unwrap();
+        let scene = Scene::try_generate_in_world(100, 0, Properties::NONE, place, splat).unwrap();
         assert_eq!((scene.offset(), scene.is_wide()), ([0.0; 3], false));
         assert_eq!(scene.positions()[7], place(8).map(|v| v as f32));
     }
@@ -176,7 +177,7 @@ mod tests {
     #[test]
     fn floats_far_from_the_origin_are_coarse_and_doubles_are_not() {
         let place = |index: usize| [5e5, 5e6 + 0.1 * index as f64, 300.0];
-        let doubles = Scene::try_generate_in_world(2000, 0, place, splat).unwrap();
+        let doubles = Scene::try_generate_in_world(2000, 0, Properties::NONE, place, splat).unwrap();
         assert_eq!(doubles.coarse_positions(), None);
         let floats = |shift: f64| {
             Scene::generate(2000, 0, |index| Splat {

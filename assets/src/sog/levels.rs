@@ -176,7 +176,7 @@ pub(super) fn parse(input: &Input, folder: Option<&Path>, level: Option<u32>) ->
             (input.progress)(before + (share * count as f64) as u64, all.count)
         };
         let scene = within(folder, name, |source, folder| {
-            let input = Input { source, memory: input.memory, progress: &tell };
+            let input = Input::new(source, input.memory, &tell);
             read::parse(&input, Some(folder), runs.as_deref())
         })?;
         add(&mut breakdown, scene.size_breakdown());

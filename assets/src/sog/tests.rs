@@ -4,14 +4,18 @@
 mod sog_file;
 
 use super::header;
-use crate::error::SceneError;
-use crate::input::{SceneHeader, Source};
+use crate::error::{LoadError, SceneError};
+use crate::input::{ReadOptions, SceneHeader, Source};
 use crate::scene::Scene;
 use crate::testing::{parse, says};
 use serde_json::{Value, json};
 use sog_file::{folder, small, two, version_1, webp, zipped};
 use std::path::Path;
 use zip::CompressionMethod;
+
+fn load_at(path: &Path, level: Option<u32>) -> Result<Scene, LoadError> {
+    Scene::load_with(path, ReadOptions { level, ..ReadOptions::default() }, crate::QUIET)
+}
 
 fn archive(meta: &Value, files: &[(&'static str, Vec<u8>)]) -> Vec<u8> {
     sog_file::archive(&(meta.clone(), files.to_vec()), CompressionMethod::Stored)
@@ -234,7 +238,7 @@ fn streamed(at: &Path) -> Value {
 fn a_level_of_a_streamed_scene_has_its_runs_and_the_environment() {
     let place = tempfile::tempdir().unwrap();
     let mut document = streamed(place.path());
-    let load = |level: Option<u32>| Scene::load_level(place.path(), level, crate::QUIET);
+    let load = |level: Option<u32>| load_at(place.path(), level);
     let [fine, coarse] = [two(), version_1()].map(|(meta, files)| parse(&archive(&meta, &files)).unwrap());
     let finest = load(None).unwrap();
     assert_eq!(finest.identity(), fine.identity());
@@ -256,7 +260,7 @@ fn a_level_of_a_streamed_scene_has_its_runs_and_the_environment() {
     assert_eq!(level.size_breakdown().sum(), level.size_breakdown().file_bytes);
     let header = SceneHeader::load_level(place.path(), Some(1)).unwrap();
     assert_eq!((header.count, header.stored_degree), (3, 2));
-    let one = Scene::load_level(place.path().join("1_0"), Some(0), crate::QUIET).unwrap_err();
+    let one = load_at(&place.path().join("1_0"), Some(0)).unwrap_err();
     assert!(matches!(one.problem, SceneError::NoLevels), "{one}");
 }
 
@@ -269,7 +273,7 @@ fn in_a_list_a_level_is_that_of_the_scenes_with_levels() {
     let load = |text: &str, level: u32| {
         std::fs::write(&list, text).unwrap();
         let header = SceneHeader::load_level(&list, Some(level)).map(|header| header.count);
-        let scene = Scene::load_level(&list, Some(level), crate::QUIET).map(|scene| scene.count());
+        let scene = load_at(&list, Some(level)).map(|scene| scene.count());
         (header.map_err(|error| error.to_string()), scene.map_err(|error| error.to_string()))
     };
     let mixed = r#"Scenes([Scene(file: "a.ply"), Scene(file: "lod-meta.json")])"#;

@@ -37,7 +37,7 @@ pub fn enlarge(scene: &Scene, n: u32) -> Result<Scene, SceneMemoryError> {
         splat.scale = splat.scale.map(|s| (f64::from(s) * shrink) as f32);
         (splat, position)
     };
-    Ok(scene.derived(n, scene.stored_degree(), copy)?.with_mesh(None))
+    Ok(scene.derived(n, scene.stored_degree(), |k| k % count, copy)?.with_mesh(None))
 }
 
 #[cfg(test)]

@@ -194,7 +194,7 @@ fn damage_names_the_line_or_the_byte() {
 fn a_text_larger_than_the_memory_is_refused() {
     let text = file("usda");
     let source = Source::Bytes(&text);
-    let found = super::parse(&Input { source: &source, memory: Some(10_000), progress: QUIET }).unwrap_err();
+    let found = super::parse(&Input::new(&source, Some(10_000), QUIET)).unwrap_err();
     says(found, "expected a layer that fits in memory, found one that needs 18.8 KiB");
 }
 
@@ -204,9 +204,7 @@ fn numbers_that_stay_in_the_file_need_no_memory() {
     let least = |end: &str| {
         let bytes = file(end);
         let source = Source::Bytes(&bytes);
-        let fits = |memory: u64| {
-            super::parse(&Input { source: &source, memory: Some(memory), progress: QUIET }).is_ok()
-        };
+        let fits = |memory: u64| super::parse(&Input::new(&source, Some(memory), QUIET)).is_ok();
         let (mut refused, mut accepted) = (0, 1 << 40);
         while accepted - refused > 1 {
             let middle = refused + (accepted - refused) / 2;

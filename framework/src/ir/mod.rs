@@ -29,7 +29,7 @@ pub use pass::{
     Target, Use, Work,
 };
 pub use reason::{Fallback, Reason, Unmet};
-pub use request::{Attribute, Catalog, Facts, HostBuffer, OUTPUTS, Request};
+pub use request::{Attribute, Catalog, Facts, Family, HostBuffer, OUTPUTS, Request};
 pub use resource::{Shape, Source, Usage, bytes};
 pub use shader::{
     Member, MemberKind, Msl, MslArgument, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Shader,

@@ -38,10 +38,33 @@ impl From<DeviceFacts> for Facts {
 pub struct Catalog {
     /// Attributes of the scene, by full name such as `scene.position`.
     pub attributes: BTreeMap<String, Attribute>,
+    /// Families of attributes by the prefix of their names, such as `scene.property.`.
+    pub families: BTreeMap<String, Family>,
     /// Sizes in bytes of the uniform blocks that the host writes for every frame.
     pub uniforms: BTreeMap<String, u64>,
     /// Storage buffers that the host supplies with every frame.
     pub buffers: BTreeMap<String, HostBuffer>,
+}
+
+impl Catalog {
+    /// Returns an attribute of the scene, listed or of a family with any name; `None` if there is none.
+    pub fn attribute(&self, name: &str) -> Option<Attribute> {
+        self.attributes.get(name).copied().or_else(|| self.family(name)?.any)
+    }
+
+    /// Returns the family that a name belongs to.
+    pub fn family(&self, name: &str) -> Option<&Family> {
+        self.families.iter().find(|(prefix, _)| name.starts_with(*prefix)).map(|(_, family)| family)
+    }
+}
+
+/// Attributes that scenes have on request.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Family {
+    /// The attribute of any name, if the scene is not known; otherwise `None`, and [`Catalog::attributes`] has them.
+    pub any: Option<Attribute>,
+    /// Advice for a name that the scene lacks.
+    pub help: String,
 }
 
 /// A storage buffer that the host supplies with every frame.

@@ -109,12 +109,15 @@ impl Lowering<'_> {
             let name = format!("{}{name}", level.prefix);
             return Ok(Handle::Plain(vec![self.add(name, shape, source, place.key())]));
         }
-        let Some(attribute) = catalog.attributes.get(&import.from) else {
+        let Some(attribute) = catalog.attribute(&import.from) else {
             let uniforms = catalog.uniforms.keys().chain(catalog.buffers.keys());
             let known = || catalog.attributes.keys().chain(uniforms.clone()).map(String::as_str);
             let diagnostic = place
                 .field("from")
                 .error(format!("nothing is called `{}`", import.from), "cannot be imported");
+            if let Some(family) = catalog.family(&import.from) {
+                return Err(diagnostic.with_help(family.help.clone()));
+            }
             let all = known().collect::<Vec<_>>().join(", ");
             return Err(diagnostic.with_nearest(&import.from, known(), format!("available: {all}")));
         };
@@ -371,8 +374,9 @@ impl Lowering<'_> {
     /// Adds suggestions to the error about an unknown resource.
     fn suggest_resource(&self, level: &Level, name: &str, error: Diagnostic) -> Diagnostic {
         let names = || level.handles.keys().map(String::as_str);
-        let Catalog { attributes, uniforms, buffers } = self.request.catalog;
-        if attributes.contains_key(name) || uniforms.contains_key(name) || buffers.contains_key(name) {
+        let catalog @ Catalog { uniforms, buffers, .. } = self.request.catalog;
+        let known = catalog.attribute(name).is_some() || catalog.family(name).is_some();
+        if known || uniforms.contains_key(name) || buffers.contains_key(name) {
             let last = name.rsplit('.').next().unwrap_or(name);
             return error
                 .with_help(format!("import it: `imports: {{ \"{last}\": Import(from: \"{name}\") }}`"));

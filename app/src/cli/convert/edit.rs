@@ -153,10 +153,10 @@ impl EditArgs {
     ///
     /// # Errors
     /// A scene cannot be loaded, or does not fit in memory.
-    pub fn merged(&self, scene: Scene, load: FileOptions) -> Result<(Scene, Vec<Original>)> {
+    pub fn merged(&self, scene: Scene, load: &FileOptions) -> Result<(Scene, Vec<Original>)> {
         let mut all = vec![scene];
         for path in &self.merge {
-            all.push(loading::load_scene(path, &load.into())?);
+            all.push(loading::load_scene(path, &load.clone().into())?);
         }
         let originals = all.iter().map(Original::of).collect();
         let merged = if all.len() == 1 { all.remove(0) } else { Scene::joined(&all)? };
@@ -283,7 +283,7 @@ mod tests {
     fn edit(words: &[&str]) -> Result<Scene, String> {
         let edit: EditArgs = parsed([&["convert"], words].concat()).map_err(|error| error.to_string())?;
         let scene = synth::generate("uniform", 400, 0).expect("a small scene");
-        let merged = edit.merged(scene, FileOptions::default());
+        let merged = edit.merged(scene, &FileOptions::default());
         merged
             .and_then(|(merged, _)| edit.changed(merged))
             .map(|(scene, _)| scene)

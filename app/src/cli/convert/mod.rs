@@ -138,13 +138,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Some(path) => Some((path, args.edit.moved(args.price.cameras()?)?)),
         None => None,
     };
-    let loaded = loading::load_scene(&args.input, &args.load.into())?;
+    let loaded = loading::load_scene(&args.input, &args.load.clone().into())?;
     let mut notes = loaded.notes();
     if cameras.is_some() && args.price.takes_cameras_of(&args.input) {
         // They are kept, in a file of their own.
         notes.cameras = 0;
     }
-    let (merged, originals) = args.edit.merged(loaded.with_notes(notes), args.load)?;
+    let (merged, originals) = args.edit.merged(loaded.with_notes(notes), &args.load)?;
     let paths = [&args.input].into_iter().chain(&args.edit.merge);
     let names: Vec<String> = paths.map(|path| path.display().to_string()).collect();
     let originals: Vec<(&str, &Original)> = names.iter().map(String::as_str).zip(&originals).collect();
@@ -163,7 +163,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         transform_loss.iter().for_each(say);
         losses.extend(transform_loss);
         let lost = json!({ "dropped": dropped, "losses": losses });
-        return args.price.run(scene, truth, (&args.input, &args.edit), &args.format, args.load, lost);
+        return args.price.run(scene, truth, (&args.input, &args.edit), &args.format, &args.load, lost);
     };
     let mut lost = Losses::of(&originals, &scene, format);
     lost.losses.extend(transform_loss);

@@ -82,7 +82,7 @@ impl PriceArgs {
         truth: Option<Scene>,
         (path, edit): (&Path, &EditArgs),
         formats: &[SceneFormat],
-        load: FileOptions,
+        load: &FileOptions,
         lost: Json,
     ) -> Result<Outcome> {
         let formats = if formats.is_empty() { &SceneFormat::WRITTEN } else { formats };
