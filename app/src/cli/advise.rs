@@ -92,9 +92,15 @@ pub fn run(args: &Args) -> Result<Outcome> {
     cameras = projection::convert_all(&cameras, graph, &scene, *size)?;
     let found = describe(&scene, &cameras, args.errors);
     let name = loading::scene_name(args.scene.as_deref());
-    let tell = |text: &str| options::print_beside(args.json.as_deref(), text);
+    // A standard output that is full or closed is an error only after the JSON is written.
+    let mut told = Ok(());
+    let mut tell = |text: &str| {
+        if told.is_ok() {
+            told = options::print_beside(args.json.as_deref(), text);
+        }
+    };
     let Description { report, keys, bands } = &found;
-    tell(&format!("{name}: {report}{}{}", keys_text(keys, args.errors), bands_text(bands)))?;
+    tell(&format!("{name}: {report}{}{}", keys_text(keys, args.errors), bands_text(bands)));
 
     let budget = Budget { psnr: args.psnr, ms: args.ms };
     let mut outcome = Outcome::Done;
@@ -113,8 +119,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let (Advice { tried, unsure, .. }, Best { found, hidden }) = (&advice, advice.best());
         let origin = Provenance::of(&subject);
         let command = |found| command(args, is_one, found, (tried, &origin.device));
-        tell(&found.map_or_else(|| nothing(tried, &budget), command))?;
-        tell(&noise(found, &hidden, unsure))?;
+        tell(&found.map_or_else(|| nothing(tried, &budget), command));
+        tell(&noise(found, &hidden, unsure));
         if found.is_none() {
             outcome = Outcome::Failed;
         }
@@ -135,7 +141,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if let Some(path) = &args.json {
         options::write_json(path, &all)?;
     }
-    Ok(outcome)
+    told.map(|()| outcome)
 }
 
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {

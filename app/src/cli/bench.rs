@@ -149,12 +149,15 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
     Ok(!report.is_empty())
 }
 
-/// Rejects graphs and parameters that are invalid both on this device and on the least capable supported one. Only the
-/// first scene and size are checked. Prints the settings without an effect.
+/// Rejects scenes that cannot be read, and graphs and parameters that are invalid both on this device and on the least
+/// capable supported one. Graphs are checked only with the first scene and size. Prints the settings without an effect.
 ///
 /// An unmet requirement is not an error: the graph becomes a row with the reason, and may suit another scene.
 fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
-    let scene = match args.scenes.first().map(|scene| args.load.header(scene)).transpose()? {
+    // All of them, so that a scene that cannot be read ends the command before the others are measured.
+    let headers: Vec<SceneHeader> =
+        args.scenes.iter().map(|scene| args.load.header(scene)).collect::<Result<_, _>>()?;
+    let scene = match headers.first().copied() {
         Some(SceneHeader { count, stored_degree }) => SceneFacts {
             count,
             sh_degree: stored_degree,
@@ -234,6 +237,11 @@ fn finish(
     report: &impl Serialize,
     plots: impl IntoIterator<Item = (String, Plot)>,
 ) -> Result<()> {
+    keep(args, report, csv, false)?;
+    if let Some(folder) = &args.output {
+        plots.into_iter().try_for_each(|(name, plot)| options::write_plot(&plot, folder, &name))?;
+    }
+    // Last, because standard output may be full or closed.
     match args.json.as_deref().filter(|path| is_standard_output(path)) {
         Some(path) => {
             say(text.trim_end());
@@ -241,10 +249,7 @@ fn finish(
         }
         None => options::write_text(None, text)?,
     }
-    keep(args, report, csv, false)?;
-    let Some(folder) = &args.output else { return Ok(()) };
-    plots.into_iter().try_for_each(|(name, plot)| options::write_plot(&plot, folder, &name))?;
-    say(format!("all numbers are in {}", folder.join(CSV).display()));
+    args.output.iter().for_each(|folder| say(format!("all numbers are in {}", folder.join(CSV).display())));
     Ok(())
 }
 

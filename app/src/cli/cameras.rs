@@ -3,7 +3,7 @@
 use super::outcome::Usage;
 use crate::draw::camera;
 use crate::draw::orbit;
-use crate::io::output::{OutputGuard, one_line, say};
+use crate::io::output::{OutputGuard, one_line, say, shell_word};
 use anyhow::{Result, bail};
 use splatgraph_assets::{Camera, CameraError, CameraOptions, Dataset, Projection, View};
 use std::io;
@@ -36,7 +36,7 @@ pub fn load(
     let file_name = file.display();
     let others = match all.len() {
         1 => String::new(),
-        count => format!(" of {count}; --cameras {file_name} takes all"),
+        count => format!(" of {count}; --cameras {} takes all", shell_word(&file_name.to_string())),
     };
     say(format!("the camera is the first of {file_name}{others}"));
     all.truncate(1);

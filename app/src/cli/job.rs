@@ -11,6 +11,7 @@
 
 use super::outcome::{self, Outcome, Usage};
 use crate::draw::animation::is_animated;
+use crate::draw::fingerprint::fingerprint;
 use crate::draw::session::Session;
 use crate::draw::stats;
 use crate::io::image::Image;
@@ -451,6 +452,8 @@ pub fn origin_of(
     let set: BTreeMap<String, Json> = set.iter().map(value).collect();
     let mut origin = origin(session.scene(), cameras)?;
     origin.insert("graph".into(), json!({ "pipeline": pipeline, "set": set, "files": files }));
+    // Devices may differ in what they choose, such as the graph that `auto` draws.
+    origin.insert("plan".into(), json!(session.plan().map(|plan| text::hex(fingerprint(plan)))));
     Ok(origin)
 }
 

@@ -74,21 +74,21 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     if !found.is_empty() {
         let missing: Vec<usize> = missing.iter().map(|(view, _)| *view).collect();
-        join(first, &found, &missing, args)?;
+        join(&manifests, &found, &missing, args)?;
     }
     Ok(if missing.is_empty() { Outcome::Done } else { Outcome::Failed })
 }
 
-fn join(manifest: &Manifest, found: &[PathBuf], missing: &[usize], args: &Args) -> Result<()> {
+fn join(manifests: &[Manifest], found: &[PathBuf], missing: &[usize], args: &Args) -> Result<()> {
     let output = args.output.as_ref().unwrap_or(&args.folders[0]);
-    let origin = &manifest.origin;
+    let manifest = &manifests[0];
     match manifest.command.as_str() {
         render::COMMAND if args.output.is_some() => {
             Err(Usage("expected no --output for pictures, which stay where they are".into()).into())
         }
         render::COMMAND => Ok(()),
-        trade::COMMAND => trade::merge(origin, parts(found)?, found, output),
-        sweep::COMMAND => sweep::merge(origin, parts(found)?, &args.folders, output),
+        trade::COMMAND => trade::merge(manifests, parts(found)?, found, output),
+        sweep::COMMAND => sweep::merge(&manifest.origin, parts(found)?, &args.folders, output),
         evaluate::COMMAND => evaluate::merge(manifest, parts(found)?, missing, output),
         other => bail!("expected results of render, trade, sweep or evaluate, found those of `{other}`"),
     }

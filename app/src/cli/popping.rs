@@ -122,7 +122,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
     let summaries: Vec<Summary> = tracks.iter().map(report::summary).collect();
     let text = report::table(&summaries) + report::NOTES;
-    options::print_beside(args.json.as_deref(), &text)?;
     if let Some(file) = &args.json {
         let rows = summaries.iter().zip(&tracks);
         let rows: Vec<_> =
@@ -135,6 +134,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         output::write_bytes(&folder.join(CSV), report::csv(&tracks, &origin).as_bytes())?;
         options::write_plot(&report::plot(&tracks), folder, PLOT)?;
     }
+    // Last, because standard output may be full or closed.
+    options::print_beside(args.json.as_deref(), &text)?;
     Ok(super::outcome::validated(args.device.validate, &subject.device.close()))
 }
 

@@ -92,9 +92,18 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (subject, wanted) = open(args, &mut guard, given)?;
     let (mut swept, shown) = study(&subject, &wanted, &mut Console::default())?;
     swept.command = options::command_line();
+    remove_documents(&args.output)?;
     save_pictures(&shown, &args.output)?;
     report(&swept, &shown, &args.output)?;
     Ok(super::outcome::validated(args.device.validate, &subject.device.close()))
+}
+
+/// Removes the numbers of an earlier run, beside which new pictures would be wrong.
+fn remove_documents(output: &Path) -> Result<()> {
+    for name in [PAGE, CSV, JSON] {
+        output::remove(&output.join(name))?;
+    }
+    Ok(())
 }
 
 fn save_pictures(shown: &[Shown], output: &Path) -> Result<()> {
@@ -110,10 +119,9 @@ fn picture_of(choice: Option<Choice>, count: u32) -> PathBuf {
     format!("pictures/{}-{count}.png", choice.map_or("all", Choice::stem)).into()
 }
 
-/// Prints a sweep and writes its files, except for the pictures.
+/// Writes the files of a sweep, except for the pictures, and prints its table. The table comes last, because standard
+/// output may be full or closed.
 fn report(swept: &SweepResult, shown: &[Shown], output: &Path) -> Result<()> {
-    options::write_text(None, &swept.table())?;
-    swept.note().iter().for_each(say);
     let file = |name: &str| output.join(name);
     output::write_bytes(&file(CSV), swept.csv().as_bytes())?;
     options::write_json(&file(JSON), &serde_json::to_value(swept)?)?;
@@ -121,6 +129,8 @@ fn report(swept: &SweepResult, shown: &[Shown], output: &Path) -> Result<()> {
         options::write_plot(&plot, output, name)?;
     }
     output::write_bytes(&file(PAGE), swept.page(shown)?.as_bytes())?;
+    options::write_text(None, &swept.table())?;
+    swept.note().iter().for_each(say);
     say(format!("{} shows the result", file(PAGE).display()));
     Ok(())
 }

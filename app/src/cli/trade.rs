@@ -2,7 +2,7 @@
 
 use super::cameras::{self, tell_off_center};
 use super::console::Console;
-use super::job::{self, Origin, Outputs, ShardArgs, Work};
+use super::job::{self, Manifest, Origin, Outputs, ShardArgs, Work};
 use super::loading;
 use super::options::{self, BackendArgs, DeviceArgs, Drawing, EffortArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
@@ -162,11 +162,6 @@ fn report(ledger: &Ledger, output: &Path) -> Result<()> {
     let file = |name: &str| output.join(name);
     ledger.save(&file(LEDGER))?;
     let (lines, failed) = ledger.lines();
-    let notes: String = notes(&lines).iter().map(|note| format!("{note}\n")).collect();
-    options::write_text(None, &format!("{}{notes}", table(&lines)))?;
-    for (setting, why) in &failed {
-        say(format!("{setting}: {why}"));
-    }
     output::write_bytes(&file(CSV), csv(ledger, &lines).as_bytes())?;
     let album = Album::beside(&file(LEDGER));
     output::write_bytes(&file(PAGE), page(ledger, &lines, &failed, &album)?.as_bytes())?;
@@ -176,6 +171,12 @@ fn report(ledger: &Ledger, output: &Path) -> Result<()> {
             say("no setting has a time: the plots of an earlier run are removed");
         }
         None => {}
+    }
+    // Last, because standard output may be full or closed.
+    let notes: String = notes(&lines).iter().map(|note| format!("{note}\n")).collect();
+    options::write_text(None, &format!("{}{notes}", table(&lines)))?;
+    for (setting, why) in &failed {
+        say(format!("{setting}: {why}"));
     }
     say(format!("{} shows the result", file(PAGE).display()));
     Ok(())
@@ -257,10 +258,12 @@ struct Request {
     same_plan: SamePlan,
 }
 
-/// Prints and writes the ledger of the views that several processes measured. `found` lists the result files of
-/// `parts`.
-pub fn merge(origin: &job::Origin, parts: Vec<Vec<Row>>, found: &[PathBuf], output: &Path) -> Result<()> {
-    let mut origin = origin.clone();
+/// Prints and writes the ledger of the views that several processes measured into the folders of `manifests`. `found`
+/// lists the result files of `parts`.
+pub fn merge(manifests: &[Manifest], parts: Vec<Vec<Row>>, found: &[PathBuf], output: &Path) -> Result<()> {
+    let commands = manifests.iter().map(|manifest| Ok(job::request::<Request>(&manifest.origin)?.command));
+    let mut commands: Vec<String> = commands.collect::<Result<_>>()?;
+    let mut origin = manifests[0].origin.clone();
     let Request { names, command, same_plan } = job::request(&origin)?;
     origin.remove(job::REQUEST);
     origin.extend(names);
@@ -278,8 +281,9 @@ pub fn merge(origin: &job::Origin, parts: Vec<Vec<Row>>, found: &[PathBuf], outp
     book.save()?;
     let (mut ledger, album) = (book.ledger, Album::beside(&path));
     let own = options::command_line();
-    [&command, &own].into_iter().for_each(|command| ledger.add_command(command));
     ledger.command = format!("{command}\n{own}");
+    commands.push(own);
+    commands.iter().for_each(|command| ledger.add_command(command));
     let settings: BTreeSet<&str> = ledger.rows.iter().map(|row| row.setting.as_str()).collect();
     for setting in settings {
         if let Some((camera, _)) = ledger.farthest(setting)

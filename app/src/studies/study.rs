@@ -36,6 +36,21 @@ impl Setting {
     }
 }
 
+/// Returns the reason why a setting cannot be drawn.
+///
+/// Its graph has errors, the device rejects its plan, or a frame needs more capacity than the graph or the device
+/// allows.
+///
+/// # Errors
+/// Any other error, such as one of the device: no setting is then measured further.
+pub fn reason(error: SessionError) -> Result<String, SessionError> {
+    match error {
+        SessionError::Graph(errors) => Ok(errors.text(false).trim().to_owned()),
+        error if error.spares_device() => Ok(error.to_string()),
+        error => Err(error),
+    }
+}
+
 /// Follows a study: receives its progress and messages, and may cancel it.
 pub trait Listener {
     /// Receives how many steps of a task are done, and the name of the next step. `Break` cancels the study.

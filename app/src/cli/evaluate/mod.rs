@@ -72,12 +72,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
     others.iter().for_each(say);
     let found = Evaluation::new(scores, missing);
     found.grey_note().iter().for_each(say);
-    options::print_beside(args.json.as_deref(), &found.table())?;
+    // The table comes last, because standard output may be full or closed.
     if let Some(path) = &args.json {
         let mut request = request(args);
         request[ORIGIN] = origin(&mut drawer, downscaled.as_deref())?;
         options::write_text(Some(path), &(as_json(request, &found) + "\n"))?;
     }
+    options::print_beside(args.json.as_deref(), &found.table())?;
     let outcome = match drawer {
         Drawer::Device(session, _) => validated(args.device.validate, &session.into_device().close()),
         Drawer::Reference(_) => Outcome::Done,

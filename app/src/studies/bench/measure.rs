@@ -5,7 +5,7 @@ use crate::draw::backend::Backend;
 use crate::draw::interleaved::{self, Effort, Figure, Frames, Rounds, Timed, Timestamps, WARM_UP};
 use crate::draw::session::{Session, SessionError};
 use crate::draw::stats::{self, BufferSize};
-use crate::studies::study::{Setting, Steps, StudyError};
+use crate::studies::study::{Setting, Steps, StudyError, reason};
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
 use splatgraph_api::Device;
@@ -112,21 +112,6 @@ pub struct Found {
 
 /// Measurements of a candidate, or the reason that it cannot be drawn.
 pub type Outcome = Result<Found, String>;
-
-/// Returns the reason why a candidate cannot be drawn.
-///
-/// Its graph has errors, the device rejects its plan, or a frame needs more capacity than the graph or the device
-/// allows.
-///
-/// # Errors
-/// Any other error, such as one of the device: no candidate is then measured further.
-pub fn reason(error: SessionError) -> Result<String, SessionError> {
-    match error {
-        SessionError::Graph(errors) => Ok(errors.text(false).trim().to_owned()),
-        error if error.spares_device() => Ok(error.to_string()),
-        error => Err(error),
-    }
-}
 
 struct Runner {
     session: Session,

@@ -7,7 +7,7 @@ use crate::io::report::text::hex;
 use crate::studies::measurement::settings::EXACT;
 use crate::studies::measurement::time::{Baseline, Until, has_range};
 use crate::studies::measurement::view::{self, Drawn, Measured, Measuring, View};
-use crate::studies::study::Setting;
+use crate::studies::study::{Setting, reason};
 use serde::{Deserialize, Serialize};
 use splatgraph_framework::plan::Plan;
 use std::thread::Scope;
@@ -95,8 +95,8 @@ impl<'a> Sessions<'a> {
     /// Measures the setting in a view, interleaved with the exact settings. `exact_ms` is [`Baseline::ms`].
     ///
     /// # Errors
-    /// The device fails or rejects a plan, or the exact settings cannot be drawn. If the setting's graph has errors, or
-    /// its lists cannot grow enough, the result is instead a row with the reason.
+    /// The device fails, or rejects the plan of the exact settings. If the setting cannot be drawn, the result is
+    /// instead a row with the reason: see [`reason`].
     pub fn measure<'scope>(
         &mut self,
         scope: &'scope Scope<'scope, '_>,
@@ -114,9 +114,7 @@ impl<'a> Sessions<'a> {
         let baseline = Baseline { session: exact, ms: exact_ms };
         let found = match measured(scope, session, baseline, setting, view, (effort, *views)) {
             Ok(found) => Ok(found),
-            Err(SessionError::Graph(errors)) => Err(errors.text(false).trim().to_owned()),
-            Err(error @ (SessionError::Full { .. } | SessionError::NoRoom { .. })) => Err(error.to_string()),
-            Err(error) => return Err(error),
+            Err(error) => Err(reason(error)?),
         };
         let (setting, camera) = (setting.name.clone(), view.camera.img_name.clone());
         Ok(Pending { setting, plan: *plan, camera, found })
