@@ -171,17 +171,18 @@ impl<G: Gpu> CompiledPlan<G> {
         History { resource, identity: self.identity, layout, transient }
     }
 
-    /// Creates the copies into which frames save the state, unless they exist.
-    pub fn make_saved(&mut self, gpu: &Arc<G>) -> Result<(), BackendError> {
-        if self.saved.is_empty() {
-            let mut saved = Vec::new();
-            for id in self.ids().filter(|id| history::is_state(&self.plan, *id)) {
-                let copy = aliasing::create_block(gpu, &[member(&self.plan, id)])?;
-                saved.extend(copy.into_iter().map(|copy| (id, copy)));
-            }
-            self.saved = saved;
+    /// Returns the resources into which a frame saves the state. They become [`CompiledPlan::saved`] once the frame is
+    /// submitted: until then, new ones have no contents.
+    pub fn copies_of_state(&self, gpu: &Arc<G>) -> Result<Vec<(ResourceId, Transient<G>)>, BackendError> {
+        if !self.saved.is_empty() {
+            return Ok(self.saved.clone());
         }
-        Ok(())
+        let mut copies = Vec::new();
+        for id in self.ids().filter(|id| history::is_state(&self.plan, *id)) {
+            let copy = aliasing::create_block(gpu, &[member(&self.plan, id)])?;
+            copies.extend(copy.into_iter().map(|copy| (id, copy)));
+        }
+        Ok(copies)
     }
 
     pub fn prologue(&self) -> &[PassId] {

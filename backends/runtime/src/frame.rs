@@ -69,9 +69,7 @@ impl<G: Gpu> Slot<G> {
         inputs::write_uniforms(compiled, slot, inputs)?;
         inputs::take_host_buffers(shared, compiled, slot, inputs)?;
         let readback = inputs.read_output.then(|| compiled.free_readback(gpu)).transpose()?;
-        if inputs.save_histories {
-            compiled.make_saved(gpu)?;
-        }
+        let saved = inputs.save_histories.then(|| compiled.copies_of_state(gpu)).transpose()?;
         let inspected = inspect::buffers(gpu, compiled, slot, &inputs.inspect)?;
         let recorder = Recorder {
             encoder: &mut self.encoder,
@@ -79,6 +77,7 @@ impl<G: Gpu> Slot<G> {
             inputs,
             frame: id,
             slot,
+            saved: saved.as_deref().unwrap_or_default(),
             inspected: &inspected,
             readback: readback.as_deref(),
             shared: output.map(Arc::as_ref),
@@ -105,6 +104,9 @@ impl<G: Gpu> Slot<G> {
             shared.results.add(compiled.results());
         }
         compiled.layouts = recorded.layouts;
+        if let Some(saved) = saved {
+            compiled.saved = saved;
+        }
         let prologue = std::mem::take(&mut compiled.prologue_due);
         compiled.carried.clear();
         self.pending = Some(Pending {

@@ -38,6 +38,8 @@ pub(crate) struct Recorder<'a, G: Gpu> {
     pub inputs: &'a FrameInputs,
     pub frame: FrameId,
     pub slot: usize,
+    /// The resources that the state is copied to, if the frame saves it.
+    pub saved: &'a [(ResourceId, Transient<G>)],
     pub inspected: &'a [Buffer<G>],
     pub readback: Option<&'a Buffer<G>>,
     /// The shared output that receives a copy of the output; `None` if the frame is not shared.
@@ -103,12 +105,10 @@ impl<G: Gpu> Recorder<'_, G> {
         self.copy_state("restore state", &copies.collect::<Vec<_>>());
     }
 
-    /// Copies the state to [`CompiledPlan::saved`], if the frame asks for it. The copies of images end in
-    /// [`Layout::TransferTarget`].
+    /// Copies the state to [`Recorder::saved`]. The copies of images end in [`Layout::TransferTarget`].
     fn save_histories(&mut self, layouts: &[Layout]) {
         let compiled = self.compiled;
-        let saved = compiled.saved.iter().filter(|_| self.inputs.save_histories);
-        let copies = saved.filter_map(|(id, copy)| {
+        let copies = self.saved.iter().filter_map(|(id, copy)| {
             Some([own(compiled, *id, layouts)?, (copy, (Layout::Undefined, Layout::TransferTarget))])
         });
         self.copy_state("save state", &copies.collect::<Vec<_>>());

@@ -2,7 +2,7 @@
 
 use crate::common::*;
 use crate::testing::{COLOR, WORDS, plan};
-use splatgraph_api::{Device, FrameInputs, Loader as _};
+use splatgraph_api::{Device, FrameInputs, Inspect, Loader as _};
 use splatgraph_framework::ir::*;
 use splatgraph_null::{Call, Null, Object};
 
@@ -108,6 +108,19 @@ fn a_plan_can_start_with_the_histories_before_the_last_frame_of_the_one_before()
     null.swap(ready.expect("it is prepared")).expect("it is swapped in");
     frame(&mut null, &inputs());
     assert_eq!(started(&journal.take()), ["words", "color"]);
+    finish(null, &journal);
+}
+
+#[test]
+fn a_frame_that_is_not_submitted_saves_no_histories() {
+    let (mut null, journal) = device();
+    load(&mut null, histories());
+    let inspect = vec![Inspect { resource: WORDS, after: PassId(99) }];
+    null.submit(&FrameInputs { save_histories: true, inspect, ..inputs() }).expect_err("there is no such pass");
+    let ready = null.loader().restoring_histories().prepare(histories(), &Zeros::default(), &mut |_| {});
+    null.swap(ready.expect("it is prepared")).expect("it is swapped in");
+    frame(&mut null, &inputs());
+    assert!(!journal.take().contains(&Call::PushLabel("restore state".to_string())));
     finish(null, &journal);
 }
 
