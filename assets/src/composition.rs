@@ -68,19 +68,39 @@ pub(crate) struct Placed {
 
 /// Returns true for a composition: its text begins with `Scenes`, after blanks and comments.
 pub(crate) fn begins_as_scenes(head: &[u8]) -> bool {
-    let mut rest = head.strip_prefix(BYTE_ORDER_MARK.as_bytes()).unwrap_or(head);
-    loop {
-        rest = rest.trim_ascii_start();
-        let end = if rest.starts_with(b"//") {
-            rest.iter().position(|byte| *byte == b'\n').map(|at| at + 1)
-        } else if rest.starts_with(b"/*") {
-            rest.windows(2).position(|pair| pair == b"*/").map(|at| at + 2)
-        } else {
-            return rest.starts_with(b"Scenes");
-        };
-        let Some(end) = end else { return false };
-        rest = &rest[end..];
+    let mut rest = head.strip_prefix(BYTE_ORDER_MARK.as_bytes()).unwrap_or(head).trim_ascii_start();
+    while let Some(length) = comment(rest) {
+        rest = rest[length..].trim_ascii_start();
     }
+    rest.starts_with(b"Scenes")
+}
+
+/// Returns the length of the comment with which a text begins, or of the whole text if the comment does not end. `None`
+/// without a comment. Block comments nest.
+fn comment(text: &[u8]) -> Option<usize> {
+    if text.starts_with(b"//") {
+        return Some(text.iter().position(|byte| *byte == b'\n').map_or(text.len(), |at| at + 1));
+    }
+    let (mut depth, mut rest) = (0, text);
+    loop {
+        (depth, rest) = match rest {
+            [b'/', b'*', rest @ ..] => (depth + 1, rest),
+            _ if depth == 0 => break,
+            [b'*', b'/', rest @ ..] => (depth - 1, rest),
+            [_, rest @ ..] => (depth, rest),
+            [] => break,
+        }
+    }
+    Some(text.len() - rest.len()).filter(|length| *length > 0)
+}
+
+/// Returns the length of the raw string with which a text begins, such as `r#"a"#`; `None` without one.
+fn raw_string(text: &str) -> Option<usize> {
+    let after = text.strip_prefix('r')?;
+    let inner = after.trim_start_matches('#').strip_prefix('"')?;
+    let begin = text.len() - inner.len();
+    let end = format!("\"{}", "#".repeat(begin - 2));
+    Some(inner.find(&end).map_or(text.len(), |at| begin + at + end.len()))
 }
 
 /// Parses the text of a file in `folder`. Fails for invalid text or numbers out of range, and if it names no scene.
@@ -130,10 +150,8 @@ fn places_of(text: &str, word: &str) -> Vec<(usize, usize)> {
     let mut rest = text;
     while let Some(first) = rest.chars().next() {
         let in_word = |c: char| c.is_alphanumeric() || c == '_';
-        let end_of = |end: &str| rest.find(end).map_or(rest.len(), |at| at + end.len());
-        let length = match first {
-            '/' if rest.starts_with("//") => end_of("\n"),
-            '/' if rest.starts_with("/*") => end_of("*/"),
+        let skipped = comment(rest.as_bytes()).or_else(|| raw_string(rest));
+        let length = skipped.unwrap_or_else(|| match first {
             '"' => {
                 let mut escaped = false;
                 let end = rest[1..].find(|c| {
@@ -145,7 +163,7 @@ fn places_of(text: &str, word: &str) -> Vec<(usize, usize)> {
             }
             _ if in_word(first) => rest.find(|c| !in_word(c)).unwrap_or(rest.len()),
             _ => first.len_utf8(),
-        };
+        });
         let token;
         (token, rest) = rest.split_at(length);
         if token == word {
@@ -239,7 +257,9 @@ mod tests {
     #[test]
     fn other_texts_are_not_scenes() {
         assert!(begins_as_scenes(b"\n /* a * / */ // b\nScenes("));
-        for text in ["", "Graph(", "// Scenes", "/* Scenes", "ply\n"] {
+        let nested = "/* a /* Scenes */ b /**/ */ Scenes([Scene(file: \"a\")])";
+        assert!(begins_as_scenes(nested.as_bytes()) && parse(nested, Path::new("")).is_ok());
+        for text in ["", "Graph(", "// Scenes", "/* Scenes", "/* /* */ Scenes", "ply\n"] {
             assert!(!begins_as_scenes(text.as_bytes()), "{text}");
         }
     }
@@ -250,6 +270,9 @@ mod tests {
         let text = "Scenes([\n  // Scene(file: \"b.ply\"),\n  Scene(translate: (0, 0, 0), file: \"a\\\"file\"), \
                     /* file */ Scene(file: \"ä.ply\", scale: 0)])";
         says(said(text), "line 3, column 66: ä.ply: expected a scale");
+        let text = "Scenes([/* /* \" */ \" */\n  \
+                    Scene(file: r\"a\\\"), Scene(file: r#\"\"a\"#), Scene(file: \"b\", scale: 0)])";
+        says(said(text), "line 2, column 51: b: expected a scale");
         says(said("Scenes([Scene(file: \"a\", rotate: (axis: (0, 0, 0), degrees: 9))])"), "expected an axis");
         says(said("Scenes([Scene(file: \"a\", translate: (1, 1e30, 0))])"), "within 1e18");
         says(said("Scenes([])"), "expected at least one scene");
