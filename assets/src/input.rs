@@ -326,6 +326,33 @@ pub(crate) fn beside(folder: Option<&Path>, name: &str) -> Result<PathBuf, Scene
     })
 }
 
+/// Calls `read` with the bytes of a file. Fails as `read` does, or if the file changes meanwhile: any other error may be
+/// a consequence of the change.
+pub(crate) fn read_file<T>(
+    path: &Path,
+    read: impl FnOnce(&Source) -> Result<T, SceneError>,
+) -> Result<T, SceneError> {
+    let file = OpenFile::open(path)?;
+    let done = read(&Source::File(&file));
+    file.check_unchanged().and(done)
+}
+
+/// Reads a file that a document names, as [`read_file`] does. `read` also gets the path. Errors name the file.
+pub(crate) fn read_beside<T>(
+    folder: Option<&Path>,
+    name: &str,
+    read: impl FnOnce(&Source, &Path) -> Result<T, SceneError>,
+) -> Result<T, SceneError> {
+    let path = beside(folder, name)?;
+    read_file(&path, |source| read(source, &path)).map_err(|problem| match problem {
+        SceneError::Cancelled => problem,
+        SceneError::Io(error) => {
+            wrong(name, format!("expected a readable file beside this one, found: {error}"))
+        }
+        _ => wrong(name, problem),
+    })
+}
+
 pub(crate) struct SourceReader<'a> {
     source: &'a Source<'a>,
     at: u64,

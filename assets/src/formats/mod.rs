@@ -2,7 +2,7 @@
 
 use crate::composition::{self, Placed};
 use crate::error::{LoadError, SceneError, nearest, wrong};
-use crate::input::{HEAD, Input, OpenFile, Progress, ReadOptions, SceneHeader, Source};
+use crate::input::{HEAD, Input, Progress, ReadOptions, SceneHeader, Source, read_file};
 use crate::memory;
 use crate::mesh::Mesh;
 use crate::recognise;
@@ -79,21 +79,17 @@ fn open<T, M>(
         let found = "a folder without meta.json, lod-meta.json or point_cloud/iteration_*/point_cloud.ply";
         return Err(SceneError::NotScene { found: found.into() }.of(path));
     }
-    let inner = || {
-        let file = OpenFile::open(path)?;
-        let source = Source::File(&file);
+    let content = read_file(path, |source| {
         let head = source.head(HEAD)?;
-        let content = if composition::begins_as_scenes(&head) {
-            placed(&source, path).map(Found::Several)
-        } else if !sog::begins_as_json(&head) && gltf::begins_as_gltf(&head) && is_mesh(&source, &head)? {
-            mesh(&source, path).map(Found::Mesh)
+        if composition::begins_as_scenes(&head) {
+            placed(source, path).map(Found::Several)
+        } else if !sog::begins_as_json(&head) && gltf::begins_as_gltf(&head) && is_mesh(source, &head)? {
+            mesh(source, path).map(Found::Mesh)
         } else {
-            one(&source, path).map(Found::One)
-        };
-        // If the file was modified during the read, that error replaces any other, which may be a consequence.
-        file.check_unchanged().and(content)
-    };
-    inner().map_err(|problem| problem.of(path))
+            one(source, path).map(Found::One)
+        }
+    });
+    content.map_err(|problem| problem.of(path))
 }
 
 fn placed(source: &Source, path: &Path) -> Result<Vec<Placed>, SceneError> {

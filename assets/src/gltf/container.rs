@@ -142,6 +142,16 @@ impl<'a> Container<'a> {
         Ok(Self { document, file_bytes, header_bytes, encoding_bytes, buffers })
     }
 
+    /// Fails if a file beside the document changed since it was opened.
+    pub(super) fn check_unchanged(&self) -> Result<(), SceneError> {
+        self.buffers.iter().enumerate().try_for_each(|(index, (bytes, _))| match bytes {
+            Bytes::File(file) => {
+                file.check_unchanged().map_err(|problem| wrong(format!("buffers[{index}]"), problem))
+            }
+            Bytes::Within(..) | Bytes::Memory(_) => Ok(()),
+        })
+    }
+
     /// Returns a buffer view and its bytes. Fails if the view exceeds its buffer.
     pub(super) fn view(&self, index: usize) -> Result<(Source<'_>, &BufferView), SceneError> {
         let view = item(&self.document.buffer_views, index, "bufferView")?;

@@ -212,22 +212,27 @@ fn headers(container: &Container, all: &[(usize, Splats)]) -> Result<Vec<SceneHe
 /// Parses the splats of a glTF file. `path` locates the buffers beside it.
 pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
     let container = Container::open(input.source, path)?;
+    let scene = scene(input, &container);
+    container.check_unchanged().and(scene)
+}
+
+fn scene(input: &Input, container: &Container) -> Result<Scene, SceneError> {
     let (all, counts) = container.document.splats()?;
     // Several nodes can place one primitive, or one SPZ file, which is unpacked once.
     let mut all: Vec<_> = all.into_iter().enumerate().collect();
     all.sort_by_key(|(_, splats)| splats.spz);
-    SceneHeader::check_joined(&headers(&container, &all)?, 0, input.memory)?;
-    let logarithmic = is_logarithmic(&container)?;
+    SceneHeader::check_joined(&headers(container, &all)?, 0, input.memory)?;
+    let logarithmic = is_logarithmic(container)?;
     let (mut scenes, mut fields, mut measured) = (Vec::new(), Vec::new(), HashSet::new());
     for group in all.chunk_by(|(_, a), (_, b)| a.spz.is_some() && a.spz == b.spz) {
         let placed = match group[0].1.spz {
-            Some(view) => packed(input, &container, view, group)?,
-            None => vec![plain(input, &container, &group[0].1, logarithmic)?],
+            Some(view) => packed(input, container, view, group)?,
+            None => vec![plain(input, container, &group[0].1, logarithmic)?],
         };
         for ((at, splats), scene) in group.iter().zip(placed) {
             // Nodes with the same mesh share its bytes.
             if measured.insert(std::ptr::from_ref(splats.primitive)) {
-                fields.extend(sizes(&container, splats)?);
+                fields.extend(sizes(container, splats)?);
             }
             let notes = FileNotes { key_of: splats.key_of, ..scene.notes() };
             scenes.push((*at, scene.with_notes(notes)));
@@ -235,7 +240,7 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     }
     scenes.sort_by_key(|(at, _)| *at);
     let scene = Scene::of_one_file(scenes.into_iter().map(|(_, scene)| scene).collect())?;
-    let Container { file_bytes, header_bytes, encoding_bytes, .. } = &container;
+    let Container { file_bytes, header_bytes, encoding_bytes, .. } = container;
     let (file_bytes, header_bytes, encoding_bytes) = (*file_bytes, *header_bytes, *encoding_bytes);
     let within = file_bytes - header_bytes - encoding_bytes;
     // Values can share bytes. Then only their total is known.

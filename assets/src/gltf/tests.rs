@@ -11,6 +11,7 @@ use crate::{QUIET, SceneFormat};
 use base64::Engine as _;
 use glam::{DQuat, DVec3};
 use serde_json::{Value, json};
+use std::ops::ControlFlow;
 
 fn bytes(scene: &Scene) -> Vec<u8> {
     written(scene, SceneFormat::Gltf)
@@ -68,6 +69,23 @@ fn buffers_beside_the_document_or_in_its_text_are_read_and_counted() {
         assert_eq!(sizes.elements[0].bytes as usize, 96 * 500 + longer);
         assert_eq!((sizes.elements[0].fields[0].bytes, sizes.trailing_bytes), (12 * 500, 0));
     }
+}
+
+#[test]
+fn a_buffer_that_is_written_to_while_it_is_read_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, buffer) = (folder.path().join("a.gltf"), folder.path().join("buf.bin"));
+    let (mut document, binary) = parts(&bytes(&Scene::generate(500, 1, splat)));
+    document["buffers"][0]["uri"] = json!("buf.bin");
+    std::fs::write(&path, document.to_string()).unwrap();
+    std::fs::write(&buffer, &binary).unwrap();
+    let touch = |done: u64, _| {
+        if done == 0 {
+            std::fs::write(&buffer, &binary).unwrap();
+        }
+        ControlFlow::Continue(())
+    };
+    says(Scene::load(&path, &touch).unwrap_err(), "`buffers[0]`: the file was written to while it was read");
 }
 
 #[test]

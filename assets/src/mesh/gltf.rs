@@ -8,9 +8,8 @@
 use super::data::{Light, Mesh, MeshMaterial, Texture};
 use super::image::{self, MAX_TEXELS};
 use crate::error::{SceneError, wrong};
-use crate::file;
 use crate::gltf::{Component, MAGIC, VISIBILITY, visible};
-use crate::input::{OpenFile, Source};
+use crate::input::read_file;
 use crate::json;
 use crate::similarity::Similarity;
 use crate::uri::{self, Resource};
@@ -36,7 +35,7 @@ const TEXTURE_TRANSFORM: &str = "KHR_texture_transform";
 const READ: [&str; 5] =
     [QUANTIZATION, UNLIT, VISIBILITY, "KHR_lights_punctual", "KHR_materials_emissive_strength"];
 
-/// Maximum size of a buffer or an image in its own file, in bytes.
+/// Maximum size of a buffer in its own file, in bytes. Of an image's file, no more are read.
 const MAX_BYTES: u64 = 1 << 30;
 
 /// Maximum number of triangles, and of vertices, over all nodes.
@@ -256,7 +255,7 @@ impl Files {
             if length > MAX_BYTES {
                 return Err(wrong(part, format!("expected at most {MAX_BYTES} bytes, found {length}")));
             }
-            let bytes = OpenFile::open(&path).and_then(|file| Source::File(&file).head(length as usize));
+            let bytes = read_file(&path, |source| Ok(source.head(length as usize)?));
             let name = path.file_name().unwrap_or_default().display().to_string();
             bytes.map(|bytes| (path, bytes)).map_err(|error| wrong(part, format!("{name}: {error}")))
         });
@@ -502,7 +501,7 @@ impl<'a> Reader<'a> {
         let bytes = match (&image.uri, &image.buffer_view) {
             (Some(uri), _) => Cow::Owned(match resolve(uri, self.folder, &part)? {
                 Resource::Data(bytes) => bytes,
-                Resource::File(path) => file::read(path, MAX_BYTES)
+                Resource::File(path) => read_file(&path, |source| Ok(source.head(MAX_BYTES as usize)?))
                     .map_err(|error| wrong(&part, format!("{}: {error}", uri::shown(uri))))?,
             }),
             (None, Some(view)) => {

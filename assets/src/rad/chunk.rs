@@ -2,8 +2,8 @@
 
 use super::column::{Column, MAX_PER_BYTE};
 use super::document::{BANDS, CHUNK_MAGIC, ChunkDocument, Document, Name, Place, Property};
-use crate::error::{SceneError, field, wrong};
-use crate::input::{Done, OpenFile, Source, beside};
+use crate::error::{SceneError, field};
+use crate::input::{Done, Source, read_beside};
 use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::path::Path;
@@ -41,34 +41,18 @@ pub(super) struct Arrays {
     leaves: Option<Vec<u32>>,
 }
 
-/// Adds the name of the chunk's file, if it has its own, to an error.
-fn within(name: Option<&str>, error: SceneError) -> SceneError {
-    match (name, error) {
-        (Some(name), SceneError::Io(error)) => {
-            wrong(name, format!("expected a readable file beside the .rad, found: {error}"))
-        }
-        (Some(name), error) => error.in_file(name),
-        (None, error) => error,
-    }
-}
-
 impl Place {
-    /// Calls `read` with the chunk's own file, or with `source` if the chunk is inside. Fails if the file changes
-    /// meanwhile, or as `read` does.
+    /// Calls `read` with the chunk's own file ([`read_beside`]), or with `source` if the chunk is inside.
     fn open<T>(
         &self,
         source: &Source,
         folder: Option<&Path>,
         read: impl FnOnce(&Source) -> Result<T, SceneError>,
     ) -> Result<T, SceneError> {
-        let Some(name) = &self.filename else { return read(source) };
-        let path = beside(folder, name)?;
-        let inner = || {
-            let file = OpenFile::open(&path)?;
-            let done = read(&Source::File(&file));
-            file.check_unchanged().and(done)
-        };
-        inner().map_err(|error| within(Some(name), error))
+        match &self.filename {
+            Some(name) => read_beside(folder, name, |file, _| read(file)),
+            None => read(source),
+        }
     }
 }
 
@@ -78,7 +62,7 @@ impl Chunks {
         if document.count == 0 || document.chunks.is_empty() {
             return Err(field(8, "count", "expected at least one splat, found none"));
         }
-        let (mut first, mut degree, mut chunks) = (0, 0, Vec::new());
+        let (mut first, mut degree, mut chunks) = (0, 0, Vec::<Chunk>::new());
         let alone = source.head(4)? == CHUNK_MAGIC;
         // For each file, the end of its last chunk so far, and its length.
         let mut ends = BTreeMap::from([(None, (chunks_start, source.length()))]);
@@ -98,22 +82,22 @@ impl Chunks {
                     return Err(field(8, format!("chunks[{index}]"), text));
                 };
                 ends.insert(place.filename.clone(), (after, length));
-                Chunk::read(file, index, place.clone(), document.sh_code_count)
+                let chunk = Chunk::read(file, index, place.clone(), document.sh_code_count)?;
+                if chunk.first != first && !alone {
+                    let text =
+                        format!("expected {first}, the splats of the chunks before, found {}", chunk.first);
+                    return Err(chunk.wrong("base", text));
+                }
+                if chunk.has(Name::ShLabel) && !chunks.first().unwrap_or(&chunk).has(Name::Sh1Code) {
+                    let text = "expected the palette in the first chunk of a .rad, found labels alone";
+                    return Err(chunk.wrong("sh_label", text));
+                }
+                Ok(chunk)
             })?;
-            if chunk.first != first && !alone {
-                let text =
-                    format!("expected {first}, the splats of the chunks before, found {}", chunk.first);
-                return Err(chunk.wrong("base", text));
-            }
             let chunk = Chunk { first, ..chunk };
             first += chunk.count as u64;
             degree = degree.max(chunk.degree());
             chunks.push(chunk);
-        }
-        let palette = chunks.first().is_some_and(|chunk: &Chunk| chunk.has(Name::Sh1Code));
-        if let Some(chunk) = chunks.iter().find(|chunk| chunk.has(Name::ShLabel) && !palette) {
-            let text = "expected the palette in the first chunk of a .rad, found labels alone";
-            return Err(chunk.wrong("sh_label", text));
         }
         if first != document.count {
             let text = format!("expected {first}, the sum over the chunks, found {}", document.count);
@@ -137,8 +121,7 @@ impl Chunks {
 
 impl Chunk {
     fn wrong(&self, name: impl Display, message: impl Display) -> SceneError {
-        let name = format!("chunks[{}].{name}", self.index);
-        within(self.place.filename.as_deref(), field(self.place.offset + 8, name, message))
+        field(self.place.offset + 8, format!("chunks[{}].{name}", self.index), message)
     }
 
     /// Reads the description of a chunk, and checks it against the chunk's bytes. `entries` is the number of entries of

@@ -9,6 +9,7 @@ use crate::scene::Scene;
 use crate::testing::{parse as read, says};
 use half::f16;
 use rad_file::{Array, array, chunk, file};
+use std::ops::ControlFlow;
 
 const FLOATS: (&str, f32, f32) = ("f32", 0.0, 0.0);
 
@@ -234,13 +235,24 @@ fn chunks_can_be_files_beside_the_document() {
     let header = crate::SceneHeader::load(&path).unwrap();
     assert_eq!((header.count, header.stored_degree), (37, 0));
     assert_eq!(Scene::load(folder.path().join(names[1]), QUIET).unwrap().count(), 7);
+    // Work is done only while a file of chunks is open.
+    let touch = |done: u64, _| {
+        if done > 0 {
+            names.iter().zip(&chunks).for_each(|(name, chunk)| {
+                std::fs::write(folder.path().join(name), chunk).unwrap();
+            });
+        }
+        ControlFlow::Continue(())
+    };
+    let said = Scene::load(&path, &touch).unwrap_err().to_string();
+    assert!(said.contains("`scene-") && said.contains("while it was read"), "{said}");
     std::fs::write(&path, file(37, &chunks, &["scene-0.radc", "../scene-1.radc"], None)).unwrap();
     says(
         Scene::load(&path, QUIET).unwrap_err(),
         "expected a file in the folder of the JSON, found another place",
     );
     std::fs::write(&path, file(37, &chunks, &["scene-0.radc", "none.radc"], None)).unwrap();
-    says(Scene::load(&path, QUIET).unwrap_err(), "`none.radc`: expected a readable file beside the .rad");
+    says(Scene::load(&path, QUIET).unwrap_err(), "`none.radc`: expected a readable file beside this one");
 }
 
 #[test]

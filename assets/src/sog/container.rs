@@ -2,7 +2,7 @@
 
 use super::meta::unexpected;
 use crate::error::{SceneError, wrong};
-use crate::input::{self, OpenFile, Source, SourceReader, beside};
+use crate::input::{self, Source, SourceReader, beside, read_beside};
 use image_webp::WebPDecoder;
 use std::io::{BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
@@ -99,15 +99,8 @@ impl<'a> Container<'a> {
                 (bytes, packed)
             }
             Place::Folder(_, folder) => {
-                let path = beside(folder.as_deref(), name)?;
-                let unreadable = |error| {
-                    wrong(name, format!("expected a readable file beside the meta.json, found: {error}"))
-                };
-                let file = OpenFile::open(&path).map_err(unreadable)?;
-                let source = Source::File(&file);
-                let bytes = source.head(usize::try_from(most + 1).unwrap_or(usize::MAX));
-                file.check_unchanged()?;
-                let bytes = bytes.map_err(unreadable)?;
+                let most = usize::try_from(most + 1).unwrap_or(usize::MAX);
+                let bytes = read_beside(folder.as_deref(), name, |source, _| Ok(source.head(most)?))?;
                 let length = bytes.len() as u64;
                 (bytes, length)
             }

@@ -7,7 +7,7 @@
 use super::meta::malformed;
 use super::read;
 use crate::error::{SceneError, wrong};
-use crate::input::{Input, OpenFile, SceneHeader, Source, beside};
+use crate::input::{Input, SceneHeader, Source, read_beside};
 use crate::json;
 use crate::scene::Scene;
 use crate::size_breakdown::{ElementSize, SizeBreakdown};
@@ -120,23 +120,6 @@ impl Level {
     }
 }
 
-/// Opens a file of the level, and calls `work` with its bytes and its folder. Fails if the file changes meanwhile, or
-/// as `work` does; the error names the file.
-fn within<T>(
-    folder: Option<&Path>,
-    name: &str,
-    work: impl FnOnce(&Source, &Path) -> Result<T, SceneError>,
-) -> Result<T, SceneError> {
-    let path = beside(folder, name)?;
-    let open = OpenFile::open(&path);
-    let file = open.map_err(|error| wrong(name, format!("expected a readable file, found: {error}")))?;
-    let done = work(&Source::File(&file), path.parent().unwrap_or(Path::new("")));
-    file.check_unchanged().and(done).map_err(|problem| match problem {
-        SceneError::Cancelled => problem,
-        _ => wrong(name, problem),
-    })
-}
-
 pub(super) fn header(
     source: &Source,
     folder: Option<&Path>,
@@ -148,7 +131,7 @@ pub(super) fn header(
 /// Returns the headers of the level's splats in each file. Fails if a run ends beyond its file's splats.
 fn headers(level: &Level, folder: Option<&Path>) -> Result<Vec<SceneHeader>, SceneError> {
     let header = |(name, runs): &(String, Runs)| {
-        let header = within(folder, name, |source, folder| read::header(source, Some(folder)))?;
+        let header = read_beside(folder, name, |source, path| read::header(source, path.parent()))?;
         let end = runs.iter().flatten().map(|run| run.end).max().unwrap_or(0);
         if end > header.count {
             let expected = format!("runs within the {} splats of {name}", header.count);
@@ -175,9 +158,9 @@ pub(super) fn parse(input: &Input, folder: Option<&Path>, level: Option<u32>) ->
             let share = done as f64 / of.max(1) as f64;
             (input.progress)(before + (share * count as f64) as u64, all.count)
         };
-        let scene = within(folder, name, |source, folder| {
+        let scene = read_beside(folder, name, |source, path| {
             let input = Input::new(source, input.memory, &tell);
-            read::parse(&input, Some(folder), runs.as_deref())
+            read::parse(&input, path.parent(), runs.as_deref())
         })?;
         add(&mut breakdown, scene.size_breakdown());
         scenes.push(scene);

@@ -208,7 +208,7 @@ fn a_folder_has_the_splats_of_the_archive_and_only_its_own_files() {
     for (name, said) in [
         ("../q.webp", "`../q.webp`: expected a file in the folder of the JSON"),
         ("/etc/passwd", "`/etc/passwd`: expected a file in the folder of the JSON"),
-        ("none.webp", "`none.webp`: expected a readable file beside the meta.json"),
+        ("none.webp", "`none.webp`: expected a readable file beside this one"),
         ("meta.json", "`meta.json`: expected a WebP texture"),
     ] {
         meta["quats"]["files"][0] = json!(name);
@@ -319,7 +319,7 @@ fn damage_of_a_streamed_scene_names_the_field_or_the_file() {
     );
     says(with("/tree/children", json!([])), "`lod-meta.json: tree`: expected a leaf with splats");
     says(with("/filenames/0", json!("../a")), "`../a`: expected a file in the folder of the JSON");
-    says(with("/filenames/0", json!("none")), "`none`: expected a readable file, found");
+    says(with("/filenames/0", json!("none")), "`none`: expected a readable file beside this one, found");
     assert!(
         with("/tree", json!(7)).starts_with(&format!(
             "{}: line 1: lod-meta.json: ",
