@@ -14,22 +14,11 @@ use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_runtime::{PipelineState, PipelineStates};
 use std::sync::Arc;
 
-/// A shader stage. Each has its own argument tables.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
-    /// Kernels.
-    Compute,
-    /// Vertex functions.
-    Vertex,
-    /// Fragment functions.
-    Fragment,
-}
-
 /// The shader of one stage of a pass, which determines the stage's argument slots.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StageArguments {
-    /// The stage of the shader.
-    pub stage: Stage,
+    /// The stage of the shader. Each has its own argument tables.
+    pub stage: ShaderStage,
     /// The translated shader. It assigns an index to each argument.
     pub msl: Arc<Msl>,
 }
@@ -38,7 +27,7 @@ pub struct StageArguments {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ArgumentSlot {
     /// The stage of the table.
-    pub stage: Stage,
+    pub stage: ShaderStage,
     /// True for the table of textures, false for the table of buffers.
     pub texture: bool,
     /// The index in the table.
@@ -74,23 +63,21 @@ impl Lowered {
 /// A shader was not translated.
 pub fn lower(plan: &Plan) -> Result<Lowered, BackendError> {
     let pipelines = PipelineStates::new(plan, |_| ());
-    let stages = |pipeline: &Option<usize>| match *pipeline {
-        None => Ok(Vec::new()),
-        Some(pipeline) => match pipelines.states[pipeline].0 {
-            PipelineState::Compute(shader) => Ok(vec![arguments(plan.shader(shader), Stage::Compute)?]),
-            PipelineState::Draw { vertex, fragment, .. } => Ok(vec![
-                arguments(plan.shader(vertex), Stage::Vertex)?,
-                arguments(plan.shader(fragment), Stage::Fragment)?,
-            ]),
-        },
+    let stages = |pipeline: &Option<usize>| {
+        let shaders = match pipeline.map(|pipeline| &pipelines.states[pipeline].0) {
+            None => Vec::new(),
+            Some(PipelineState::Compute(shader)) => vec![*shader],
+            Some(PipelineState::Draw { vertex, fragment, .. }) => vec![*vertex, *fragment],
+        };
+        shaders.into_iter().map(|shader| arguments(plan.shader(shader))).collect()
     };
     let arguments = pipelines.of_pass.iter().map(stages).collect::<Result<_, BackendError>>()?;
     Ok(Lowered { pipelines, arguments })
 }
 
-fn arguments(shader: &Shader, stage: Stage) -> Result<StageArguments, BackendError> {
+fn arguments(shader: &Shader) -> Result<StageArguments, BackendError> {
     match &shader.msl {
-        Some(msl) => Ok(StageArguments { stage, msl: msl.clone() }),
+        Some(msl) => Ok(StageArguments { stage: shader.reflection.stage, msl: msl.clone() }),
         None => Err(BackendError::Invalid(format!(
             "expected shaders in Metal's language, found shader `{}` without a translation",
             shader.name
@@ -172,16 +159,16 @@ mod tests {
     fn a_binding_has_a_place_in_each_stage_that_reaches_it() {
         let plan = translated();
         let lowered = lower(&plan).unwrap();
-        let places = |pass: u32, binding: usize| -> Vec<(Stage, u32, bool)> {
+        let places = |pass: u32, binding: usize| -> Vec<(ShaderStage, u32, bool)> {
             let id = PassId(pass);
             let places = lowered.places(id, &plan.pass(id).bindings[binding]);
             places.map(|place| (place.stage, place.index, place.sized)).collect()
         };
-        assert_eq!(places(1, 0), [(Stage::Compute, 0, true)]);
+        assert_eq!(places(1, 0), [(ShaderStage::Compute, 0, true)]);
         // The draw binds the camera, then two elements of an array.
-        assert_eq!(places(3, 0), [(Stage::Vertex, 0, false), (Stage::Fragment, 2, false)]);
-        assert_eq!(places(3, 1), [(Stage::Fragment, 1, false)]);
-        assert_eq!(places(3, 2), [(Stage::Fragment, 0, false)]);
+        assert_eq!(places(3, 0), [(ShaderStage::Vertex, 0, false), (ShaderStage::Fragment, 2, false)]);
+        assert_eq!(places(3, 1), [(ShaderStage::Fragment, 1, false)]);
+        assert_eq!(places(3, 2), [(ShaderStage::Fragment, 0, false)]);
     }
 
     #[test]

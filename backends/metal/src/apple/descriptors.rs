@@ -5,10 +5,10 @@
 
 use crate::apple::gpu::MetalGpu;
 use crate::apple::pipelines::Pipelines;
-use crate::lower::{ArgumentSlot, Stage};
+use crate::lower::ArgumentSlot;
 use metal::{Buffer, Texture};
 use splatgraph_api::BackendError;
-use splatgraph_framework::ir::{Binding, Msl, PassId};
+use splatgraph_framework::ir::{Binding, Msl, PassId, ShaderStage};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{BindingTarget, binding_copies};
 use std::sync::Arc;
@@ -25,7 +25,7 @@ pub struct ArgumentTables {
 pub(crate) struct Table {
     pub arguments: Vec<(ArgumentSlot, Argument)>,
     /// For each stage that needs buffer sizes, the sizes in bytes, by buffer index.
-    pub sizes: Vec<(Stage, [u32; Msl::MAX_BUFFERS as usize])>,
+    pub sizes: Vec<(ShaderStage, [u32; Msl::MAX_BUFFERS as usize])>,
 }
 
 #[derive(Clone)]

@@ -4,10 +4,10 @@ use crate::apple::descriptors::{Argument, Table};
 use crate::apple::gpu::{MetalGpu, Submission};
 use crate::apple::pipelines::{Order, Pipeline};
 use crate::apple::queue::Timestamps;
-use crate::lower::Stage;
 use crate::sync::{EncoderKind, FenceUse};
 use crate::walk::{Move, Walk};
 use metal::*;
+use splatgraph_framework::ir::ShaderStage;
 use std::ffi::c_void;
 use std::ops::Range;
 use std::sync::Arc;
@@ -71,7 +71,7 @@ pub(super) struct Bound {
     pub(super) table: Table,
     /// Bytes to pass with the command: push constants, and buffer sizes.
     pub(super) bytes: Vec<u8>,
-    pub(super) copied: Vec<(Stage, u32, Range<usize>)>,
+    pub(super) copied: Vec<(ShaderStage, u32, Range<usize>)>,
 }
 
 impl Bound {
@@ -102,7 +102,7 @@ impl Bound {
         }
         for (place, argument) in &self.table.arguments {
             let index = place.index.into();
-            match (place.stage == Stage::Vertex, argument) {
+            match (place.stage == ShaderStage::Vertex, argument) {
                 (true, Argument::Buffer(buffer, offset)) => {
                     encoder.set_vertex_buffer(index, Some(buffer), *offset)
                 }
@@ -117,7 +117,7 @@ impl Bound {
             let bytes = &self.bytes[range.clone()];
             let (index, length) = ((*index).into(), bytes.len() as u64);
             match stage {
-                Stage::Vertex => encoder.set_vertex_bytes(index, length, pointer(bytes)),
+                ShaderStage::Vertex => encoder.set_vertex_bytes(index, length, pointer(bytes)),
                 _ => encoder.set_fragment_bytes(index, length, pointer(bytes)),
             }
         }
