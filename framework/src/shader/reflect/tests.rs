@@ -233,7 +233,7 @@ fn blocks_of_one_scalar_type_are_told_from_others_at_any_depth() {
 fn words_of_a_storage_block_have_the_names_and_types_of_its_members() {
     let words = |block: &str, used: &str| {
         let r = compute(&format!(
-            "#extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
+            "#extension GL_EXT_shader_explicit_arithmetic_types : require
              struct S {{ vec3 a; int n; }};
              struct T {{ S s; uint64_t wide; vec3 b[2]; }};
              layout(set = 0, binding = 0) buffer Out {{ uint o; }};
@@ -258,6 +258,15 @@ fn words_of_a_storage_block_have_the_names_and_types_of_its_members() {
         words("buffer Data { mat3x2 m; layout(row_major) mat3x2 r; }", "m[0].x"),
         "m[0].x@0f m[0].y@4f m[1].x@8f m[1].y@12f m[2].x@16f m[2].y@20f \
          r[0].x@32f r[1].x@36f r[2].x@40f r[0].y@48f r[1].y@52f r[2].y@56f"
+    );
+    assert_eq!(
+        words("buffer Data { layout(row_major) dmat2 m; }", "m[0].x").replace("Other", ""),
+        "m[0].x@0 m[0].x@4 m[1].x@8 m[1].x@12 m[0].y@16 m[0].y@20 m[1].y@24 m[1].y@28"
+    );
+    assert_eq!(
+        words("buffer Data { layout(row_major) f16mat3x2 m; }", "m[0].x").replace("Other", ""),
+        "m[0].x@0 m[2].x@4 m[0].y@8 m[2].y@12",
+        "two small scalars share a word"
     );
     assert_eq!(words("buffer Data { float table[64]; }", "table[0]").matches('@').count(), 64);
     assert_eq!(words("buffer Data { float table[65]; }", "table[0]"), "", "too many to list");

@@ -63,15 +63,21 @@ impl Walk<'_> {
         }
         let stride = |id| self.module.number(id, None, Decoration::ArrayStride).unwrap_or(0).into();
         match &self.module.type_of(id)?.kind {
-            Type::Vector { element, count } => self.vector(*element, *count, place, None),
+            Type::Vector { element, count } => {
+                self.vector(*element, *count, place, self.bytes(*element)?)
+            }
             Type::Matrix { column, columns } => {
                 let Type::Vector { element, count } = self.module.type_of(*column)?.kind else {
                     return Err("a matrix has no columns".into());
                 };
+                let bytes = self.bytes(element)?;
+                let (across, down) = match place.by_rows {
+                    true => (bytes, place.matrix_stride),
+                    false => (place.matrix_stride, bytes),
+                };
                 for column in 0..*columns {
-                    let within = if place.by_rows { 4 } else { place.matrix_stride } * u64::from(column);
-                    let rows = place.by_rows.then_some(place.matrix_stride);
-                    if !self.vector(element, count, &place.part(&format!("[{column}]"), within), rows)? {
+                    let part = place.part(&format!("[{column}]"), across * u64::from(column));
+                    if !self.vector(element, count, &part, down)? {
                         return Ok(false);
                     }
                 }
@@ -113,18 +119,15 @@ impl Walk<'_> {
         }
     }
 
-    /// Adds the components of a vector, `stride` bytes apart, or next to each other. Returns false if there are too
-    /// many.
-    fn vector(
-        &mut self,
-        element: Word,
-        count: u32,
-        place: &Place,
-        stride: Option<u64>,
-    ) -> Result<bool, String> {
-        let bytes = self.module.type_of(element)?.laid_out.unwrap_or(4);
+    /// Returns the size of a scalar.
+    fn bytes(&self, scalar: Word) -> Result<u64, String> {
+        Ok(self.module.type_of(scalar)?.laid_out.unwrap_or(4))
+    }
+
+    /// Adds the components of a vector, `stride` bytes apart. Returns false if there are too many.
+    fn vector(&mut self, element: Word, count: u32, place: &Place, stride: u64) -> Result<bool, String> {
         for (index, name) in (0..u64::from(count)).zip([".x", ".y", ".z", ".w"]) {
-            if !self.add(element, &place.part(name, index * stride.unwrap_or(bytes)))? {
+            if !self.add(element, &place.part(name, index * stride))? {
                 return Ok(false);
             }
         }
@@ -137,7 +140,7 @@ impl Walk<'_> {
     fn push(&mut self, kind: MemberKind, bytes: u64, place: &Place) -> bool {
         for offset in (place.offset / 4 * 4..place.offset.saturating_add(bytes)).step_by(4) {
             let Ok(offset) = u32::try_from(offset) else { return false };
-            if self.words.last().is_some_and(|last| last.offset == offset) {
+            if self.words.iter().any(|word| word.offset == offset) {
                 continue;
             }
             if self.words.len() == MAX_WORDS {
