@@ -118,6 +118,8 @@ fn the_page_draws_every_pass_and_barrier_and_opens_where_its_address_says() {
     assert_eq!(count(&opened, "column"), passes.len(), "the repeat is unfolded");
     let text = panel(&open("#resource=order.keys%231"));
     assert!(text.contains("order.keys#1") && text.contains("written by"), "{text}");
+    let text = panel(&open("#resource=scene.scale"));
+    assert!(text.contains("lifetime freed after the prologue"), "{text}");
     let text = panel(&open("#barrier=9999&pass=%"));
     assert!(text.starts_with("Overview"), "what there is not opens nothing: {text}");
 }

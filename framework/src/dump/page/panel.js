@@ -206,11 +206,14 @@ function resourcePanel(resource) {
     transient: "the plan's own",
     scene: `the scene's ${resource.from}`,
     frame: `written by the host: ${resource.from}`,
+    given: `supplied by the host with every frame: ${resource.from}`,
     live: "live parameters, written by the host",
     readback: "read by the host",
   };
   const list = (title, found) => (found.length > 0 ? [h("h3", {}, title), h("div", {}, ...joined(found))] : []);
-  const nameOf = (index) => dump.passes[index].name;
+  const passAt = (index) => link("pass", dump.passes[index].name);
+  let lifetime = [resource.freed ? "freed after the prologue" : "longer than a frame"];
+  if (resource.lifetime) lifetime = [passAt(resource.lifetime.first), " to ", passAt(resource.lifetime.last)];
   return [
     bar(
       "resource",
@@ -225,14 +228,7 @@ function resourcePanel(resource) {
       row("memory", sources[resource.source]),
       block ? row("block", `${block.id}, ${bytes(block.bytes)}`) : null,
       aliases.length > 0 ? row("shared with", ...joined(aliases.map((name) => link("resource", name)))) : null,
-      resource.lifetime
-        ? row(
-            "lifetime",
-            link("pass", nameOf(resource.lifetime.first)),
-            " to ",
-            link("pass", nameOf(resource.lifetime.last)),
-          )
-        : row("lifetime", "longer than a frame"),
+      row("lifetime", ...lifetime),
       resource.history ? row("history", resource.history) : null,
       row("usage", h("span", { class: "flag" }, resource.usage.join(" | "))),
       resource.name === dump.output ? row("", "the graph's output") : null,

@@ -201,13 +201,17 @@ fn the_documentation_has_the_fields_of_the_schema() {
 }
 
 #[test]
-fn the_page_has_an_icon_for_every_kind_of_pass_of_the_schema() {
+fn the_page_knows_every_kind_of_pass_and_every_source_of_the_schema() {
     let schema = schema();
-    let kinds = schema["$defs"]["pass"]["properties"]["kind"]["enum"].as_array().expect("a list");
-    let kinds: BTreeSet<&str> = kinds.iter().filter_map(Value::as_str).collect();
-    let script = include_str!("../page/timeline.js");
-    let (_, icons) = script.split_once("\nconst ICONS = {\n").expect("the icons are there");
-    let (icons, _) = icons.split_once("\n};").expect("they end");
-    let icons = icons.lines().filter_map(|line| Some(line.trim().split_once(": \"")?.0)).collect();
-    assert_eq!(kinds, icons, "`ICONS` in framework/src/dump/page/timeline.js");
+    for (of, field, script, list) in [
+        ("pass", "kind", include_str!("../page/timeline.js"), "const ICONS = {\n"),
+        ("resource", "source", include_str!("../page/panel.js"), "const sources = {\n"),
+    ] {
+        let values = schema["$defs"][of]["properties"][field]["enum"].as_array().expect("a list");
+        let values: BTreeSet<&str> = values.iter().filter_map(Value::as_str).collect();
+        let (_, entries) = script.split_once(list).expect("the list is there");
+        let (entries, _) = entries.split_once("};").expect("it ends");
+        let entries = entries.lines().filter_map(|line| Some(line.trim().split_once(": ")?.0)).collect();
+        assert_eq!(values, entries, "`{list}` in framework/src/dump/page/");
+    }
 }
