@@ -5,8 +5,8 @@ use std::rc::Rc;
 use std::sync::Arc;
 
 use crate::ir::{
-    Accesses, DeviceFacts, FileId, Layout, ParamSet, Pass, ResourceId, Shader, ShaderId, Shape, Span, Stages,
-    Use,
+    Accesses, DeviceFacts, FileId, Layout, ParamSet, Pass, ResourceId, Shader, ShaderId, ShaderStage, Shape,
+    Span, Stages, Use,
 };
 use crate::lower::Lowered;
 use crate::plan::Resource;
@@ -71,9 +71,9 @@ pub(super) struct Linker<'a> {
     pub declared: HashMap<ShaderId, Arc<BTreeSet<String>>>,
     /// Identifiers that each shader's compiled text depends on.
     pub reached: HashMap<ShaderId, Arc<BTreeSet<String>>>,
-    /// Shaders compiled so far, by file, defines and `live.glsl`; the iterations of a repeat share them. `None` after
-    /// errors: a shader that crashes the compiler crashes it only once.
-    pub compiled: HashMap<(FileId, Rc<Defines>, Rc<str>), Option<ShaderId>>,
+    /// Shaders compiled so far, by file, stage, defines and `live.glsl`; the iterations of a repeat share them. `None`
+    /// after errors: a shader that crashes the compiler crashes it only once. Links can give one file two stages.
+    pub compiled: HashMap<(FileId, ShaderStage, Rc<Defines>, Rc<str>), Option<ShaderId>>,
     /// Shader files found so far, by the graph that names them and the name in that graph.
     pub found: HashMap<(FileId, String), FileId>,
     pub errors: Vec<Diagnostic>,
