@@ -405,7 +405,7 @@ impl Condition<'_, '_, '_> {
                 value
             }
             (_, "!") => self.operand(live)?.map(|v| i64::from(v == 0)),
-            (_, "-") => self.operand(live)?.and_then(i64::checked_neg),
+            (_, "-") => combine("-", Some(0), self.operand(live)?),
             (_, "+") => self.operand(live)?,
             (_, "~") => self.operand(live)?.map(|v| !v),
             (TokenKind::Number, text) => number(text),

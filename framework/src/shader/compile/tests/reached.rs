@@ -134,8 +134,17 @@ fn operators_have_the_values_and_the_precedence_of_c() {
 #[test]
 fn every_branch_of_a_condition_without_a_value_is_reached() {
     for condition in
-        ["C", "F > 0", "GL_EXT_thing", "defined(GL_EXT_thing)", "1 / (A - 1)", "A +", "A B", "017 == 15"]
-    {
+        [
+        "C",
+        "F > 0",
+        "GL_EXT_thing",
+        "defined(GL_EXT_thing)",
+        "1 / (A - 1)",
+        "A +",
+        "A B",
+        "017 == 15",
+        "-(-2147483647 - 1) > 0",
+    ] {
         let found = names(&format!("#if {condition}\nX\n#else\nY\n#endif"));
         assert!(found.ends_with("X Y"), "{condition}: {found}");
     }
