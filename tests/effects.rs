@@ -64,7 +64,7 @@ impl Builds {
 
     fn plan(&mut self, graph: &str, set: &[(String, String)], facts: &Facts) -> Result<Plan, String> {
         let catalog = &self.catalog;
-        let request = Request { graph, set, capacities: &[], facts, catalog, share_memory: true };
+        let request = Request { set, ..Request::new(graph, facts, catalog) };
         build(&request, &mut self.files, &mut self.poisoning)
             .map_err(|errors| render(&self.files, &errors, false))
     }

@@ -78,14 +78,7 @@ fn every_shipped_file_is_read_by_a_build() {
         let mut facts = common::facts_of(&facts::portable_device(lanes));
         facts.host.insert(format!("{OUTPUTS}normal"), Value::Bool(has_normals));
         let (mut files, set) = (builtin::source_map(), common::settings(set));
-        let request = Request {
-            graph,
-            set: &set,
-            capacities: &[],
-            facts: &facts,
-            catalog: &catalog,
-            share_memory: true,
-        };
+        let request = Request { set: &set, ..Request::new(graph, &facts, &catalog) };
         if let Err(errors) = build(&request, &mut files, &mut compiler) {
             panic!("{graph}, {set:?}: {}", render(&files, &errors, false));
         }

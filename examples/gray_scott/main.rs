@@ -24,14 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut files = SourceMap::default();
     let catalog = Catalog::default();
     let facts = device.info().facts.into();
-    let request = Request {
-        graph: GRAPH,
-        set: &[],
-        capacities: &[],
-        facts: &facts,
-        catalog: &catalog,
-        share_memory: true,
-    };
+    let request = Request::new(GRAPH, &facts, &catalog);
     let plan = build(&request, &mut files, &mut Glslang::default())
         .map_err(|errors| GraphErrors::new(&files, &errors))?;
 

@@ -38,14 +38,7 @@ impl Bench {
     }
 
     fn plan(&mut self, graph: &str) -> Plan {
-        let request = Request {
-            graph,
-            set: &[],
-            capacities: &[],
-            facts: &self.facts,
-            catalog: &self.catalog,
-            share_memory: true,
-        };
+        let request = Request::new(graph, &self.facts, &self.catalog);
         build(&request, &mut self.files, &mut self.compiler)
             .unwrap_or_else(|errors| panic!("{}", render(&self.files, &errors, false)))
     }

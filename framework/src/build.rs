@@ -34,8 +34,7 @@ use tracing::info_span;
 /// let mut files = SourceMap::new(Library { memory, ..Library::default() });
 ///
 /// let (facts, catalog) = (DeviceFacts::typical(32).into(), Catalog::default());
-/// let request =
-///     Request { graph: "paint", set: &[], capacities: &[], facts: &facts, catalog: &catalog, share_memory: true };
+/// let request = Request::new("paint", &facts, &catalog);
 /// let plan = build(&request, &mut files, &mut Glslang::default())
 ///     .map_err(|errors| GraphErrors::new(&files, &errors))?;
 ///

@@ -342,7 +342,7 @@ fn damaged_graphs_are_plans_or_errors_with_a_place() {
             // For a part, `splat` is built, which may include the damaged file.
             let own = map.find(None, name, Kind::Graph).map(|file| map.text(file).to_string());
             let graph = if own.is_ok_and(|text| draws(&text)) { name } else { "pipelines/splat.ron" };
-            let request = Request { graph, set: &[], capacities: &[], facts, catalog, share_memory: true };
+            let request = Request::new(graph, facts, catalog);
             build(&request, map, compiler)
         };
         (name, (number, build))
@@ -398,14 +398,7 @@ fn compilations() -> Vec<Compilation> {
         if graph.starts_with("pipelines/view/") {
             continue;
         }
-        let request = Request {
-            graph,
-            set: &[],
-            capacities: &[],
-            facts: &facts,
-            catalog: &catalog,
-            share_memory: true,
-        };
+        let request = Request::new(graph, &facts, &catalog);
         let built = build(&request, &mut map, &mut recorder);
         built.unwrap_or_else(|errors| panic!("{graph}: {}", render(&map, &errors, false)));
     }

@@ -116,14 +116,8 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>, compile
         memory.insert(path.to_string(), text.trim_end().to_string());
     }
     let mut files = SourceMap::new(Library { memory, ..Library::default() });
-    let request = Request {
-        graph: &graph,
-        set: &set,
-        capacities: &[],
-        facts: &facts,
-        catalog: &catalog(),
-        share_memory: true,
-    };
+    let catalog = catalog();
+    let request = Request { set: &set, ..Request::new(&graph, &facts, &catalog) };
     match build(&request, &mut files, compiler) {
         Ok(plan) if !plan.warnings.is_empty() => {
             let found: Vec<Diagnostic> =

@@ -40,14 +40,7 @@ pub fn plan_with(
     let mut map = SourceMap::new(library);
     let set = [("flag".into(), settings.flag.to_string()), ("steps".into(), settings.steps.to_string())];
     let (facts, catalog) = (facts(), Catalog::default());
-    let request = Request {
-        graph: "graph.ron",
-        set: &set,
-        capacities: &[],
-        facts: &facts,
-        catalog: &catalog,
-        share_memory,
-    };
+    let request = Request { set: &set, share_memory, ..Request::new("graph.ron", &facts, &catalog) };
     build(&request, &mut map, compiler).map_err(|errors| explain(&map, &errors, false))
 }
 

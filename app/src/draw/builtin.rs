@@ -166,14 +166,7 @@ pub fn presets() -> Vec<Preset> {
     let catalog = facts::nominal_catalog();
     let mut files = source_map();
     let mut preset = |name: &'static str| {
-        let request = Request {
-            graph: name,
-            set: &[],
-            capacities: &[],
-            facts: &facts,
-            catalog: &catalog,
-            share_memory: true,
-        };
+        let request = Request::new(name, &facts, &catalog);
         let (summary, params) = lower::controls(&request, &mut files)
             .unwrap_or_else(|_| (format!("has errors, see `splatgraph check {name}`"), Vec::new()));
         Preset { name, summary, params }

@@ -104,3 +104,10 @@ pub struct Request<'a> {
     /// end of the frame and can be inspected after any pass.
     pub share_memory: bool,
 }
+
+impl<'a> Request<'a> {
+    /// Returns a request without parameters and capacities, whose resources share memory.
+    pub fn new(graph: &'a str, facts: &'a Facts, catalog: &'a Catalog) -> Request<'a> {
+        Request { graph, set: &[], capacities: &[], facts, catalog, share_memory: true }
+    }
+}

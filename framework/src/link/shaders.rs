@@ -256,14 +256,7 @@ mod tests {
     /// Builds a graph whose shaders are all refused. Returns the number of errors and the stages that were compiled.
     fn refused(graph: &str, library: Library) -> (usize, Vec<ShaderStage>) {
         let (facts, catalog, mut compiler) = (testing::facts(), testing::catalog(), Refusing(Vec::new()));
-        let request = Request {
-            graph,
-            set: &[],
-            capacities: &[],
-            facts: &facts,
-            catalog: &catalog,
-            share_memory: true,
-        };
+        let request = Request::new(graph, &facts, &catalog);
         let errors = build(&request, &mut SourceMap::new(library), &mut compiler).expect_err("it is refused");
         assert!(errors.iter().all(|error| error.message == "the compiler crashed"), "{errors:?}");
         (errors.len(), compiler.0)

@@ -31,14 +31,7 @@ fn plan(shader: &str, buffers: usize) -> Plan {
         [("pipelines/one.ron".to_string(), graph), ("shaders/paint.comp".to_string(), shader.to_string())];
     let mut files = SourceMap::new(Library { memory: memory.into(), ..Library::default() });
     let (facts, catalog) = (DeviceFacts::typical(32).into(), Catalog::default());
-    let request = Request {
-        graph: "one",
-        set: &[],
-        capacities: &[],
-        facts: &facts,
-        catalog: &catalog,
-        share_memory: true,
-    };
+    let request = Request::new("one", &facts, &catalog);
     build(&request, &mut files, &mut Glslang::default())
         .unwrap_or_else(|errors| panic!("{}", render(&files, &errors, false)))
 }

@@ -41,8 +41,7 @@ fn plans(share_memory: bool) -> Vec<Plan> {
     let (mut files, mut compiler) = (SourceMap::new(Library::default()), Glslang::default());
     let mut plan = |path: std::path::PathBuf| {
         let graph = path.to_str().expect("a plain path");
-        let request =
-            Request { graph, set: &[], capacities: &[], facts: &facts, catalog: &catalog, share_memory };
+        let request = Request { share_memory, ..Request::new(graph, &facts, &catalog) };
         build(&request, &mut files, &mut compiler).unwrap_or_else(|e| panic!("{}", render(&files, &e, false)))
     };
     graphs.into_iter().map(&mut plan).collect()

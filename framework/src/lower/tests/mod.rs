@@ -268,14 +268,7 @@ fn asked_of<T>(
     let mut files = SourceMap::new(Library { memory, ..Library::default() });
     let catalog = crate::testing::catalog();
     let set: Vec<_> = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
-    let request = Request {
-        graph: "graph.ron",
-        set: &set,
-        capacities: &[],
-        facts,
-        catalog: &catalog,
-        share_memory: true,
-    };
+    let request = Request { set: &set, ..Request::new("graph.ron", facts, &catalog) };
     question(&request, &mut files)
 }
 

@@ -63,9 +63,7 @@ impl Walk<'_> {
         }
         let stride = |id| self.module.number(id, None, Decoration::ArrayStride).unwrap_or(0).into();
         match &self.module.type_of(id)?.kind {
-            Type::Vector { element, count } => {
-                self.vector(*element, *count, place, self.bytes(*element)?)
-            }
+            Type::Vector { element, count } => self.vector(*element, *count, place, self.bytes(*element)?),
             Type::Matrix { column, columns } => {
                 let Type::Vector { element, count } = self.module.type_of(*column)?.kind else {
                     return Err("a matrix has no columns".into());

@@ -133,8 +133,7 @@ fn operators_have_the_values_and_the_precedence_of_c() {
 
 #[test]
 fn every_branch_of_a_condition_without_a_value_is_reached() {
-    for condition in
-        [
+    for condition in [
         "C",
         "F > 0",
         "GL_EXT_thing",
