@@ -26,10 +26,7 @@ impl<'a> False<'a> {
         value: &'static str,
         decided: ParamSet,
     ) -> False<'a> {
-        let reason = match condition {
-            Number::Expression(expression) => level.names.traced(|| level.names.reason(expression)).0,
-            Number::Literal(_) => None,
-        };
+        let reason = level.names.traced(|| level.names.reason(condition)).0;
         False { condition, at, value, reason, decided }
     }
 }
@@ -39,11 +36,10 @@ impl Lowering<'_> {
     pub(super) fn wanted(
         &mut self,
         level: &mut Level,
-        when: &Option<Number>,
         pass: &PassDecl,
         place: &Place,
     ) -> Result<bool, Diagnostic> {
-        let Some(condition) = when else { return Ok(true) };
+        let Some(condition) = pass.when() else { return Ok(true) };
         let at = &place.field("when");
         let (holds, decided) = level.names.traced(|| level.names.truth(condition, at));
         self.lowered.shape.extend(&decided);
@@ -74,12 +70,8 @@ impl Lowering<'_> {
                 self.errors.extend(level.names.check_number(when, &at.field("when")).err());
             }
             self.leave_out(level, pass, &at, why);
-            match pass {
-                PassDecl::Include { name, .. } => {
-                    level.absent.insert(name.clone(), Some(why.at.span()));
-                }
-                PassDecl::Repeat { var, body, .. } => self.leave_out_body(level, (var, body), &at, why),
-                _ => {}
+            if let PassDecl::Repeat { var, body, .. } = pass {
+                self.leave_out_body(level, (var, body), &at, why);
             }
         }
         match outer {
@@ -108,6 +100,9 @@ impl Lowering<'_> {
     /// Lists a pass or an include as culled, and records the resources and parameters that it would have used.
     fn leave_out(&mut self, level: &mut Level, pass: &PassDecl, place: &Place, why: &False) {
         self.check_removed(level, pass, place);
+        if let PassDecl::Include { name, .. } = pass {
+            level.absent.insert(name.clone(), Some(why.at.span()));
+        }
         let Some(Parts { name, users, numbers, shaders }) = Parts::of(pass, place) else { return };
         let name = format!("{}{name}{}", level.prefix, level.suffix);
         let condition = match why.condition {

@@ -53,12 +53,12 @@ impl Lowering<'_> {
     }
 
     fn pass(&mut self, level: &mut Level, pass: &PassDecl, place: &Place) -> Result<(), Diagnostic> {
+        if !self.wanted(level, pass, place)? {
+            return Ok(());
+        }
         match pass {
-            PassDecl::Dispatch { name, phase, run, when, shader, size, bind, push } => {
+            PassDecl::Dispatch { name, phase, run, when: _, shader, size, bind, push } => {
                 let head = Head { name, phase, run: *run, place };
-                if !self.wanted(level, when, pass, place)? {
-                    return Ok(());
-                }
                 let size_place = place.field("size");
                 if let Size::Threads(extent) | Size::Groups(extent) = size {
                     let numbers = extent.0.iter().enumerate();
@@ -83,7 +83,7 @@ impl Lowering<'_> {
             PassDecl::Draw {
                 name,
                 phase,
-                when,
+                when: _,
                 vertex,
                 fragment,
                 topology,
@@ -94,9 +94,6 @@ impl Lowering<'_> {
                 depth,
             } => {
                 let head = Head { name, phase, run: Run::Frame, place };
-                if !self.wanted(level, when, pass, place)? {
-                    return Ok(());
-                }
                 let call_place = place.field("call");
                 let call = match call {
                     Call::Direct { vertices, instances } => {
@@ -159,11 +156,8 @@ impl Lowering<'_> {
                 };
                 self.emit(level, &head, (work, (call_place.span(), target_spans)), bind, push)
             }
-            PassDecl::Fill { name, phase, when, buffer, value } => {
+            PassDecl::Fill { name, phase, when: _, buffer, value } => {
                 let head = Head { name, phase, run: Run::Frame, place };
-                if !self.wanted(level, when, pass, place)? {
-                    return Ok(());
-                }
                 let value_place = place.field("value");
                 let value = level.names.natural(value, &value_place)?;
                 let value = u32::try_from(value)
@@ -185,11 +179,7 @@ impl Lowering<'_> {
             }
             PassDecl::Repeat { var, count, body } => self.repeat(level, var, count, body, place),
             PassDecl::Swap(name) => self.swap(level, name, &place.index(0)),
-            PassDecl::Include { graph, name, when, with, set, expose } => {
-                if !self.wanted(level, when, pass, place)? {
-                    level.absent.insert(name.clone(), Some(place.field("when").span()));
-                    return Ok(());
-                }
+            PassDecl::Include { graph, name, when: _, with, set, expose } => {
                 let errors = self.errors.len();
                 let result = self.include(level, &Written { graph, name, with, set, expose, place });
                 if result.is_err() || self.errors.len() > errors {
