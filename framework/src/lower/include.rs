@@ -67,13 +67,8 @@ impl Lowering<'_> {
                 "the limit is exceeded here",
             ));
         }
-        let chosen = match self.choices.choose(file, self.files, 0) {
-            Ok(chosen) => chosen,
-            Err(errors) => {
-                self.errors.extend(errors);
-                return Ok(());
-            }
-        };
+        let chosen = self.choices.choose(file, self.files, 0);
+        let Some(chosen) = self.reported(chosen) else { return Ok(()) };
         let opened = &chosen.opened;
         if self.includes.contains(&opened.file) {
             return Err(declared::circular(graph, file, &graph_place, self.files));
@@ -83,13 +78,8 @@ impl Lowering<'_> {
             self.errors.extend(chosen.errors.iter().map(here));
             return Ok(());
         }
-        let parameters = match declared::parameters(opened, &mut self.choices, self.files, &mut self.known) {
-            Ok(parameters) => parameters,
-            Err(errors) => {
-                self.errors.extend(errors);
-                return Ok(());
-            }
-        };
+        let parameters = declared::parameters(opened, &mut self.choices, self.files, &mut self.known);
+        let Some(parameters) = self.reported(parameters) else { return Ok(()) };
         let Graph { lets, imports, resources, .. } = &*opened.graph;
         if !self.count(parameters.all.len() + lets.len() + imports.len() + resources.len(), place) {
             return Ok(());

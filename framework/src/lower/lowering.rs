@@ -326,6 +326,11 @@ impl<'a> Lowering<'a> {
         }
     }
 
+    /// Returns a result without errors; adds its errors otherwise.
+    pub(super) fn reported<T>(&mut self, result: Result<T, Vec<Diagnostic>>) -> Option<T> {
+        result.map_err(|errors| self.errors.extend(errors)).ok()
+    }
+
     /// Adds `steps` to the steps so far. Returns false if the sum exceeds [`MAX_STEPS`]; the first time, adds an error
     /// at `place`.
     pub(super) fn count(&mut self, steps: usize, place: &Place) -> bool {

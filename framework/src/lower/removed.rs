@@ -135,13 +135,7 @@ impl Lowering<'_> {
                 declared::parameters(&chosen.opened, &mut self.choices, self.files, &mut self.known)?;
             Ok((chosen, parameters))
         });
-        let (chosen, parameters) = match found {
-            Ok(found) => found,
-            Err(errors) => {
-                self.errors.extend(errors);
-                return Ok(());
-            }
-        };
+        let Some((chosen, parameters)) = self.reported(found) else { return Ok(()) };
         // The condition may ask which graph a choice takes, so another one may have the port or the parameter.
         let others = &chosen.opened.others;
         if others.iter().all(|other| unknown_port(graph, &other.graph, with, place).is_err()) {
