@@ -228,10 +228,7 @@ impl<'a> Lowering<'a> {
                 Ok(value) => {
                     let params: ParamSet = names.named_by(number).difference(&read).copied().collect();
                     if !params.is_empty() {
-                        let reason = match number {
-                            Number::Expression(expression) => names.traced(|| names.reason(expression)).0,
-                            Number::Literal(_) => None,
-                        };
+                        let reason = names.traced(|| names.reason(number)).0;
                         let (name, span, decided) = (name.clone(), place.key(), read.clone());
                         self.lowered.skipped.push(SkippedUse { params, name, span, decided, reason });
                     }

@@ -423,17 +423,14 @@ fn is_literal(text: &String, of: &[String], names: &Names) -> bool {
 /// Explains a value of [`given`]: its reason, the parameters read, and the parameters named but not read. All three are
 /// empty for a literal.
 fn reason(number: &Number, domain: &Domain, names: &Names) -> (Option<Reason>, ParamSet, ParamSet) {
-    match (number, domain) {
-        (Number::Literal(_), _) => Default::default(),
-        (Number::Expression(expression), Domain::Choice(of)) if of.contains(&expression.text) => {
-            Default::default()
-        }
-        (Number::Expression(expression), _) => {
-            let (reason, read) = names.traced(|| names.reason(expression));
-            let skipped = names.named(expression).difference(&read).copied().collect();
-            (reason, read, skipped)
-        }
+    if let (Number::Expression(expression), Domain::Choice(of)) = (number, domain)
+        && of.contains(&expression.text)
+    {
+        return Default::default();
     }
+    let (reason, read) = names.traced(|| names.reason(number));
+    let skipped = names.named_by(number).difference(&read).copied().collect();
+    (reason, read, skipped)
 }
 
 /// Returns the values that a parameter's range depends on: `sorter = serial`. `None` if it has no range, or a
@@ -442,9 +439,7 @@ fn range_reason(kind: &ParamKind, names: &Names) -> Option<String> {
     let (ParamKind::Int { range, .. } | ParamKind::Float { range, .. }) = kind else { return None };
     let mut values = BTreeMap::new();
     for bound in [&range.0, &range.1] {
-        if let Number::Expression(expression) = bound {
-            values.extend(names.traced(|| names.reason(expression)).0.into_iter().flat_map(|r| r.values));
-        }
+        values.extend(names.traced(|| names.reason(bound)).0.into_iter().flat_map(|r| r.values));
     }
     let reason = Reason { expression: String::new(), values };
     (!reason.values.is_empty()).then(|| reason.to_string())

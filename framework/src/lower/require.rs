@@ -164,7 +164,7 @@ fn unmet(require: &[Requirement], names: &Names) -> Result<Needs, Vec<Diagnostic
             Ok(false) => {
                 let expression = requirement.condition.line();
                 let literal = Reason { expression, values: Default::default() };
-                let reason = names.reason(&requirement.condition).unwrap_or(literal);
+                let reason = names.reason(&condition).unwrap_or(literal);
                 let words = folded(&requirement.words);
                 let message = format!("this graph needs {words}");
                 let found =

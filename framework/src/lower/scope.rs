@@ -159,10 +159,7 @@ impl Names {
 
     /// Returns the parameters that any name in a number depends on, even if its evaluation does not read the name.
     pub fn named_by(&self, number: &Number) -> ParamSet {
-        match number {
-            Number::Literal(_) => ParamSet::new(),
-            Number::Expression(expression) => self.named(expression),
-        }
+        number.expression().map(|expression| self.named(expression)).unwrap_or_default()
     }
 
     /// Returns the parameters that a reference depends on: by the names in its choice, or by the constant it names.
@@ -181,12 +178,8 @@ impl Names {
     /// Returns true if a number uses no parameter, no fact, and no variable of a repeat. It then has the same value in
     /// every plan.
     pub fn is_constant(&self, number: &Number) -> bool {
-        match number {
-            Number::Literal(_) => true,
-            Number::Expression(Expression { parsed, .. }) => parsed
-                .as_ref()
-                .is_ok_and(|expression| expression.names().all(|(name, _)| self.constants.contains(name))),
-        }
+        let is_constant = |expr: &Expr| expr.names().all(|(name, _)| self.constants.contains(name));
+        number.expression().is_none_or(|expression| expression.parsed.as_ref().is_ok_and(is_constant))
     }
 
     pub fn evaluate(&self, number: &Number, place: &Place) -> Result<Value, Diagnostic> {
@@ -229,10 +222,7 @@ impl Names {
 
     /// Like [`Self::check`], for a number that may be an expression.
     pub fn check_number(&self, number: &Number, place: &Place) -> Result<(), Diagnostic> {
-        match number {
-            Number::Literal(_) => Ok(()),
-            Number::Expression(expression) => self.check(expression, place).map(drop),
-        }
+        number.expression().map_or(Ok(()), |expression| self.check(expression, place).map(drop))
     }
 
     fn error(&self, error: &ExprError, place: &Place) -> Diagnostic {
@@ -248,8 +238,9 @@ impl Names {
     }
 
     /// Returns the names that an expression's evaluation read, with their values. `None` if the expression has no value
-    /// or reads no names.
-    pub fn reason(&self, expression: &Expression) -> Option<Reason> {
+    /// or reads no names, and for a literal.
+    pub fn reason(&self, number: &Number) -> Option<Reason> {
+        let expression = number.expression()?;
         let reached = Reached { names: self, values: RefCell::default() };
         expression.parsed.as_ref().ok()?.eval(&reached).ok()?;
         let values = reached.values.into_inner();

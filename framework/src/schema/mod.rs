@@ -126,6 +126,16 @@ pub enum Number {
     Expression(Expression),
 }
 
+impl Number {
+    /// Returns the expression; `None` for a literal.
+    pub fn expression(&self) -> Option<&Expression> {
+        match self {
+            Number::Literal(_) => None,
+            Number::Expression(expression) => Some(expression),
+        }
+    }
+}
+
 fn no() -> Number {
     Number::Literal(Value::Bool(false))
 }
