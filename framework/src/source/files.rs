@@ -285,8 +285,7 @@ impl SourceMap {
         let line = file.lines.partition_point(|line_start| *line_start <= start) - 1;
         let from = file.lines[line];
         // `chars().count()` is much faster than a loop, and a line can have megabytes and thousands of errors.
-        let end = (start..).find(|at| file.text.is_char_boundary(*at)).unwrap_or(start);
-        let column = file.text[from..end].chars().count();
+        let column = file.text[from..file.text.ceil_char_boundary(start)].chars().count();
         (line as u32 + 1, column as u32 + 1)
     }
 

@@ -127,13 +127,6 @@ fn one_line(text: &str) -> String {
 }
 
 fn drawable(text: &str, span: Span) -> Range<usize> {
-    let on_boundary = |offset: usize| {
-        let mut offset = offset.min(text.len());
-        while !text.is_char_boundary(offset) {
-            offset -= 1;
-        }
-        offset
-    };
-    let start = on_boundary(span.start);
-    start..on_boundary(span.end).max(start)
+    let start = text.floor_char_boundary(span.start);
+    start..text.floor_char_boundary(span.end).max(start)
 }

@@ -321,8 +321,7 @@ impl<'a> Lexer<'a> {
     fn escape(&mut self, binary: bool) -> Result<char> {
         let start = self.at - 1;
         let wrong = |lexer: &Lexer, end: usize, label: &str| {
-            let end = (start + 1..=lexer.text.len()).find(|i| *i >= end && lexer.text.is_char_boundary(*i));
-            lexer.error(start..end.unwrap_or(lexer.text.len()), "unknown escape", label)
+            lexer.error(start..lexer.text.ceil_char_boundary(end), "unknown escape", label)
         };
         let Some(c) = self.rest().chars().next() else {
             return Err(wrong(self, start + 1, "the string ends here"));
@@ -429,17 +428,5 @@ fn continues_identifier(c: char) -> bool {
 }
 
 fn is_space(c: char) -> bool {
-    matches!(
-        c,
-        ' ' | '\t'
-            | '\n'
-            | '\r'
-            | '\x0B'
-            | '\x0C'
-            | '\u{85}'
-            | '\u{200E}'
-            | '\u{200F}'
-            | '\u{2028}'
-            | '\u{2029}'
-    )
+    matches!(c, '\t'..='\r' | ' ' | '\u{85}' | '\u{200E}'..='\u{200F}' | '\u{2028}'..='\u{2029}')
 }

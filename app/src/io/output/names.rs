@@ -161,11 +161,7 @@ fn shortened(name: &str, room: usize) -> String {
         return name.to_owned();
     }
     let hash = format!("~{:08x}", fnv1a(name.as_bytes()));
-    let mut end = room - hash.len();
-    while !name.is_char_boundary(end) {
-        end -= 1;
-    }
-    name[..end].to_owned() + &hash
+    name[..name.floor_char_boundary(room - hash.len())].to_owned() + &hash
 }
 
 /// Computes the 32-bit hash FNV-1a (Fowler, Noll and Vo; RFC 9923).
