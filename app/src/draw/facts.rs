@@ -146,9 +146,7 @@ pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
     DeviceFacts {
         subgroup_size,
         max_storage_bytes: 1 << 27,
-        max_groups_x: 65_535,
-        max_groups_y: 65_535,
-        max_groups_z: 65_535,
+        max_groups: [65_535; 3],
         shared_bytes: 16 << 10,
         max_invocations: 256,
         max_push_bytes: 128,
@@ -201,7 +199,7 @@ pub fn set_device_fact(device: &mut DeviceFacts, name: &str, value: &Value) -> R
             device.subgroup_size = lanes;
         }
         "device.max_storage_bytes" => device.max_storage_bytes = number()?,
-        "device.max_groups_x" => device.max_groups_x = short()?,
+        "device.max_groups_x" => device.max_groups[0] = short()?,
         "device.max_image_size" => device.max_image_size = short()?,
         "device.max_invocations" => device.max_invocations = short()?,
         "device.shared_bytes" => device.shared_bytes = short()?,

@@ -43,9 +43,7 @@ pub fn limits(reported: &ReportedLimits) -> Limits {
         facts: DeviceFacts {
             subgroup_size: LANES,
             // Metal documents no limit. Linking folds larger counts in x into y, for every backend.
-            max_groups_x: 65535,
-            max_groups_y: 65535,
-            max_groups_z: 65535,
+            max_groups: [65535; 3],
             // Shaders receive the sizes of buffers as 32-bit words.
             max_storage_bytes: reported.max_buffer_bytes.min(u64::from(u32::MAX)),
             max_push_bytes: Msl::MAX_PUSH_BYTES,

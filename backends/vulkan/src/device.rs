@@ -161,16 +161,13 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
         floats.optimal_tiling_features.contains(vk::FormatFeatureFlags::COLOR_ATTACHMENT_BLEND);
 
     let buffer = maintenance4.max_buffer_size.min(maintenance3.max_memory_allocation_size);
-    let [max_groups_x, max_groups_y, max_groups_z] = core.max_compute_work_group_count;
     let limits = Limits {
         facts: DeviceFacts {
             // The default size may lie outside the range that a request may name.
             subgroup_size: subgroups
                 .subgroup_size
                 .clamp(control.min_subgroup_size, control.max_subgroup_size),
-            max_groups_x,
-            max_groups_y,
-            max_groups_z,
+            max_groups: core.max_compute_work_group_count,
             max_storage_bytes: (core.max_storage_buffer_range as u64).min(buffer),
             max_push_bytes: core.max_push_constants_size,
             max_invocations: core.max_compute_work_group_invocations,

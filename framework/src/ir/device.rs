@@ -30,12 +30,8 @@ pub struct DeviceFacts {
     pub subgroup_size: u32,
     /// Maximum size of a storage buffer binding, in bytes.
     pub max_storage_bytes: u64,
-    /// Maximum number of workgroups of a dispatch in x.
-    pub max_groups_x: u32,
-    /// Maximum number of workgroups of a dispatch in y.
-    pub max_groups_y: u32,
-    /// Maximum number of workgroups of a dispatch in z.
-    pub max_groups_z: u32,
+    /// Maximum number of workgroups of a dispatch in x, y and z.
+    pub max_groups: [u32; 3],
     /// Maximum shared memory of a workgroup, in bytes.
     pub shared_bytes: u32,
     /// Maximum number of invocations of a workgroup.
@@ -63,9 +59,7 @@ impl DeviceFacts {
         DeviceFacts {
             subgroup_size,
             max_storage_bytes: 128 << 20,
-            max_groups_x: 65_535,
-            max_groups_y: 65_535,
-            max_groups_z: 65_535,
+            max_groups: [65_535; 3],
             shared_bytes: 32 << 10,
             max_invocations: 1024,
             max_push_bytes: 256,
@@ -77,17 +71,12 @@ impl DeviceFacts {
         }
     }
 
-    /// Returns the maximum number of workgroups of a dispatch in x, y and z.
-    pub fn max_groups(&self) -> [u32; 3] {
-        [self.max_groups_x, self.max_groups_y, self.max_groups_z]
-    }
-
     /// Lists the facts that graphs can read, with their names, in alphabetical order.
     pub fn named(&self) -> Vec<(&'static str, Value)> {
         let bytes = i64::try_from(self.max_storage_bytes).unwrap_or(i64::MAX);
         let mut all = vec![
             ("device.fused_fma", Value::Bool(self.fused_fma)),
-            ("device.max_groups_x", Value::Int(self.max_groups_x.into())),
+            ("device.max_groups_x", Value::Int(self.max_groups[0].into())),
             ("device.max_image_size", Value::Int(self.max_image_size.into())),
             ("device.max_invocations", Value::Int(self.max_invocations.into())),
             ("device.max_storage_bytes", Value::Int(bytes)),

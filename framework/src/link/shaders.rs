@@ -189,7 +189,7 @@ impl Linker<'_> {
             return None;
         }
         let mut groups: [u64; 3] = std::array::from_fn(|axis| size[axis].div_ceil(each[axis]));
-        let limits = self.device.max_groups().map(|most| u64::from(most.max(1)));
+        let limits = self.device.max_groups.map(|most| u64::from(most.max(1)));
         let too_large = "this dispatch is larger than the device can do at once";
         if dimensions == 1 {
             // As few rows as possible, each as short as possible, so that few groups are idle.

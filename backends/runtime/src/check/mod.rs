@@ -390,7 +390,7 @@ impl<'a> Checker<'a> {
         match groups {
             Groups::Direct(groups) => {
                 let what = || format!("the number of workgroups {groups:?} of pass `{}`", pass.name);
-                within_axes(what, groups, self.limits.facts.max_groups())
+                within_axes(what, groups, self.limits.facts.max_groups)
             }
             Groups::Indirect { buffer, offset } => self.indirect(buffer, offset, 12, &pass.name),
         }

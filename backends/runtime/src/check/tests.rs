@@ -70,7 +70,7 @@ fn more_of_anything_than_the_limit_is_refused_with_both_numbers() {
     };
     refused(|_, l| l.facts.max_push_bytes = 4, "the size of the push constants of pass `clear`", 4, 8);
     let what = "the number of workgroups [4, 1, 1] of pass `scan[0]` in x";
-    refused(|_, l| l.facts.max_groups_x = 3, what, 3, 4);
+    refused(|_, l| l.facts.max_groups[0] = 3, what, 3, 4);
     let what = "the number of invocations in a workgroup [64, 1, 1] of shader `scan.comp`";
     refused(|_, l| l.facts.max_invocations = 32, what, 32, 64);
     let what = "the workgroup size [64, 1, 1] of shader `scan.comp` in x";
@@ -99,7 +99,7 @@ fn what_exceeds_a_limit_is_refused_at_the_declaration_of_its_pass_or_resource() 
         "without a device"
     );
     assert!(
-        !refused(&narrow(DeviceFacts { max_groups_x: 1, ..limits.facts }), "\n --> b.ron:7:9"),
+        !refused(&narrow(DeviceFacts { max_groups: [1; 3], ..limits.facts }), "\n --> b.ron:7:9"),
         "the linker refuses this"
     );
 }
