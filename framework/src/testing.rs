@@ -254,6 +254,16 @@ pub fn dispatch(name: &str, shader: &str, bind: &str) -> String {
     format!(r#"        Dispatch(name: "{name}", shader: "{shader}", size: Threads(64), bind: {{{bind}}}),"#)
 }
 
+/// Returns a dispatch that writes the buffer `a`.
+pub fn make() -> String {
+    dispatch("make", "make.comp", r#""Out": "a""#)
+}
+
+/// Returns a dispatch that reads the buffer `a` and writes the output.
+pub fn show() -> String {
+    dispatch("show", "show.comp", r#""In": "a", "Image": "image""#)
+}
+
 /// Returns a draw of two quads into the image `color`. Its vertex shader reads the buffer `a`.
 pub fn draw(name: &str, load: &str) -> String {
     format!(

@@ -264,7 +264,7 @@ mod tests {
 
     #[test]
     fn a_shader_with_errors_is_compiled_once_for_all_passes_of_a_repeat() {
-        let pass = testing::dispatch("make", "make.comp", r#""Out": "a""#);
+        let pass = testing::make();
         let graph = testing::graph("", &format!(r#"Repeat(var: "i", count: 9, body: [{pass}]),"#));
         let memory = [("graph.ron", graph.as_str()), ("make.comp", "w Out 4")];
         let memory = memory.map(|(path, text)| (path.to_string(), text.to_string())).into();

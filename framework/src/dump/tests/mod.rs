@@ -327,10 +327,7 @@ fn no_name_ends_the_script_or_fills_a_placeholder() {
 
 #[test]
 fn a_solved_graph_says_which_pass_waits_for_which_on_what() {
-    let passes = [
-        testing::dispatch("make", "make.comp", r#""Out": "a""#),
-        testing::dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-    ];
+    let passes = [testing::make(), testing::show()];
     let plan = testing::plan(&testing::graph("", &passes.join("\n")), &[]);
     let dump = dump(&plan);
     let barrier = &dump.pass("show").expect("it is there").barriers[0];

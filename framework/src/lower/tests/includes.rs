@@ -1,9 +1,9 @@
 //! Tests includes: ports, parameters that an include sets, exposes, shares or hides, and pictures of other graphs.
 
 use crate::ir::Value;
-use crate::testing::{dispatch, graph, plan_of, try_plan_of};
+use crate::testing::{dispatch, graph, make, plan_of, show, try_plan_of};
 
-use super::{WIDTH, make, shown};
+use super::WIDTH;
 
 #[test]
 fn an_included_graph_takes_its_ports_and_parameters_from_the_includer() {
@@ -259,7 +259,7 @@ fn a_default_in_set_of_what_is_exposed_is_over_the_includers_names() {
             "width": Const(Int(default: 3, range: (1, 100))), "room": Const(Int(default: 5, range: (1, 100))),
         }, passes: [])"#;
     let include = r#"Include(graph: "part", name: "p", set: {"width": 7, "room": "2 * width"}, expose: Only(["room"])),"#;
-    let passes = [include, &make(), &shown("show")].join("\n");
+    let passes = [include, &make(), &show()].join("\n");
     let graph = graph(WIDTH, &passes);
     let plan = plan_of(&[("graph.ron", graph.as_str()), ("part.ron", part)], &[]);
     let room = plan.params.iter().find(|param| param.name == "room").expect("it is exposed");
@@ -289,7 +289,7 @@ fn names_that_a_condition_removes_with_the_pass_are_no_mistake() {
                Include(graph: "choice", name: "d", when: "width > 8", set: {"extra": 2}),"#,
             &make(),
             &bind(bound),
-            &shown("show"),
+            &show(),
         ];
         let graph = graph(WIDTH, &passes.join("\n"))
             .replace("passes: [", r#"let: {"kept": "width > 8 ? 'last(old)' : 'nothing'"}, passes: ["#)

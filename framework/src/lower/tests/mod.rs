@@ -4,15 +4,9 @@ mod includes;
 
 use crate::ir::{Facts, Request, Shape, Source, Value, Work};
 use crate::source::{Library, SourceMap};
-use crate::testing::{ListCompiler, dispatch, graph, plan, plan_of, plan_with_capacities, try_plan_of};
-
-fn shown(name: &str) -> String {
-    dispatch(name, "show.comp", r#""In": "a", "Image": "image""#)
-}
-
-fn make() -> String {
-    dispatch("make", "make.comp", r#""Out": "a""#)
-}
+use crate::testing::{
+    ListCompiler, dispatch, graph, make, plan, plan_of, plan_with_capacities, show, try_plan_of,
+};
 
 const WIDTH: &str = r#""width": Const(Int(default: 8, range: (1, 11), label: "digit width")),"#;
 
@@ -21,7 +15,7 @@ fn a_pass_is_there_where_its_condition_holds() {
     let passes = [
         make().replace("shader:", r#"when: "width > 8", shader:"#),
         make().replace("\"make\"", r#""other", when: "width <= 8""#),
-        shown("show"),
+        show(),
     ];
     let names = |width| -> Vec<String> {
         let plan = plan(&graph(WIDTH, &passes.join("\n")), &[("width", width)]);
@@ -61,7 +55,7 @@ fn threads_and_groups_have_up_to_three_dimensions_and_threads_are_divided_in_eac
 #[test]
 fn a_choice_draws_the_first_graph_whose_needs_hold_and_says_why_it_passed_others_over() {
     let base = |require: &str| {
-        graph(WIDTH, &[make(), shown("show")].join("\n")).replace("summary:", &format!("{require} summary:"))
+        graph(WIDTH, &[make(), show()].join("\n")).replace("summary:", &format!("{require} summary:"))
     };
     let wide = base(
         r#"require: [("device.max_groups_x >= 70000", "dispatches of 70000 workgroups"), ("true", "nothing")],"#,
@@ -107,7 +101,7 @@ fn a_value_that_an_expression_gave_carries_the_values_that_its_evaluation_reache
         "room": Const(Int(default: "max(2 * device.subgroup_size, 5)", range: (1, 1000), grows: "visible")),
         "exact": Const(Bool(default: "device.subgroup_size == 8")),
         "cutoff": Live(Float(default: 3.33, range: (1.0, 4.0))),"#;
-    let text = graph(params, &[make(), shown("show")].join("\n"))
+    let text = graph(params, &[make(), show()].join("\n"))
         .replace("output:", r#"stats: {"visible": ("a", 0)}, output:"#);
     let reasons = |set: &[(&str, &str)], capacities: &[(&str, i64)]| -> Vec<String> {
         let plan = plan_with_capacities(&text, set, capacities);
@@ -139,7 +133,7 @@ fn a_value_that_an_expression_gave_carries_the_values_that_its_evaluation_reache
 
 #[test]
 fn presets_lay_their_settings_over_each_other_and_the_command_line_over_all() {
-    let base = graph(WIDTH, &[make(), shown("show")].join("\n"));
+    let base = graph(WIDTH, &[make(), show()].join("\n"));
     let files = [
         ("base.ron", base.as_str()),
         ("middle.ron", r#"Preset(graph: "base", summary: "five", set: {"width": 5})"#),
@@ -158,7 +152,7 @@ fn a_parameter_that_grows_takes_the_largest_of_its_value_and_what_frames_needed_
     let params = r#"
         "room": Const(Int(default: "scene.count", range: (1, 5000), grows: "needed")),
         "fixed": Const(Int(default: 3, range: (1, 5000))),"#;
-    let graph = graph(params, &[make(), shown("show")].join("\n"))
+    let graph = graph(params, &[make(), show()].join("\n"))
         .replace(r#""a": Buffer(stride: 4, count: 64)"#, r#""a": Buffer(stride: 4, count: "room")"#)
         .replace("output:", r#"stats: {"needed": ("a", 0)}, output:"#);
     let built = |set: &[(&str, &str)], capacities: &[(&str, i64)]| {
@@ -183,14 +177,14 @@ fn a_parameter_that_grows_takes_the_largest_of_its_value_and_what_frames_needed_
 #[test]
 fn push_constants_are_written_in_place() {
     let pass = r#"Dispatch(name: "make", shader: "push.comp", size: Threads(64), bind: {"Out": "a"}, push: {"shift": "3 * width"}),"#;
-    let good = graph(WIDTH, &[pass.to_string(), shown("show")].join("\n"));
+    let good = graph(WIDTH, &[pass.to_string(), show()].join("\n"));
     let plan = plan(&good, &[]);
     assert_eq!(plan.passes[0].push, 24u32.to_le_bytes());
 }
 
 #[test]
 fn a_buffer_that_comes_with_every_frame_is_read_as_a_storage_buffer() {
-    let read = [dispatch("copy", "copy.comp", r#""In": "words", "Out": "a""#), shown("show")].join("\n");
+    let read = [dispatch("copy", "copy.comp", r#""In": "words", "Out": "a""#), show()].join("\n");
     let graph = graph("", &read)
         .replace("resources:", r#"imports: {"words": Import(from: "frame.words")}, resources:"#);
     let plan = plan(&graph, &[]);
@@ -202,7 +196,7 @@ fn a_buffer_that_comes_with_every_frame_is_read_as_a_storage_buffer() {
 #[test]
 fn a_long_chain_of_lets_in_the_wrong_order_is_refused_at_once() {
     let lets: String = (0..4000).map(|i| format!("\"p{i}\": \"min(p{0}, p{0})\", ", i + 1)).collect();
-    let text = graph("", &[make(), shown("show")].concat()).replacen(
+    let text = graph("", &[make(), show()].concat()).replacen(
         "resources:",
         &format!("let: {{ {lets}\"p4000\": 1 }}, resources:"),
         1,
@@ -219,7 +213,7 @@ fn a_long_chain_of_passes_is_solved() {
     let passes = [
         make(),
         r#"Repeat(var: "i", count: 5000, body: [Dispatch(name: "step", shader: "change.comp", size: Threads(64), bind: {"Out": "a"})]),"#.to_string(),
-        shown("show"),
+        show(),
     ]
     .join("\n");
     let plan = plan(&graph("", &passes), &[]);
@@ -358,7 +352,7 @@ fn an_output_is_a_result_where_it_is_asked_for_and_elsewhere_leaves_nothing_in_t
 #[test]
 fn a_text_that_a_fact_never_is_is_an_error() {
     let graph = |text: &str| {
-        let graph = graph("", &[make(), shown("show")].join("\n"));
+        let graph = graph("", &[make(), show()].join("\n"));
         graph.replace(
             "passes: [",
             &format!(r#"let: {{"own": "scene.key_of", "x": "own == '{text}'"}}, passes: ["#),

@@ -1,18 +1,10 @@
 //! Tests which passes depend on a parameter, for each kind of dependency, and the reasons for having no effect.
 
 use crate::plan::Plan;
-use crate::testing::{dispatch, graph, plan, plan_of, plan_with_capacities};
+use crate::testing::{dispatch, graph, make, plan, plan_of, plan_with_capacities, show};
 
 const P: &str = r#""p": Const(Int(default: 8, range: (1, 64))),"#;
 const P_AND_Q: &str = r#""p": Const(Int(default: 8, range: (1, 64))), "q": Const(Bool(default: false)),"#;
-
-fn make() -> String {
-    dispatch("make", "make.comp", r#""Out": "a""#)
-}
-
-fn show() -> String {
-    dispatch("show", "show.comp", r#""In": "a", "Image": "image""#)
-}
 
 /// Returns the passes that depend on a parameter, after `+` if it decides which passes exist; or why it has no effect.
 fn effect_in(plan: &Plan, parameter: &str) -> String {

@@ -2,9 +2,10 @@ use super::*;
 
 #[test]
 fn a_pass_that_only_the_next_frame_reads_from_is_not_left_out() {
-    let plan = solved("", &[
-        r#"Dispatch(name: "start", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "a"}),"#.into(),
-        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+    let plan = solved(&[
+        r#"Dispatch(name: "start", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "a"}),"#
+            .into(),
+        show(),
         dispatch("step", "change.comp", r#""Out": "a""#),
     ]);
     assert_eq!(frame(&plan), ["show", "step", "export"], "{}", shown(&plan));
@@ -21,7 +22,7 @@ fn a_reader_of_the_last_frame_comes_before_the_writer_wherever_it_stands() {
     let plan = kept(&[
         dispatch("make", "make.comp", r#""Out": "past""#),
         dispatch("use", "copy.comp", r#""In": "last(past)", "Out": "a""#),
-        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        show(),
     ]);
     assert_eq!(frame(&plan), ["use", "make", "show", "export"], "{}", shown(&plan));
     assert_eq!(plan.prologue.len(), 1, "zeros to begin with");
@@ -44,7 +45,7 @@ fn of_a_ping_pong_resource_the_half_that_the_frame_ends_with_lives_on_for_odd_an
                 Swap("order"),
             ]),"#
             ),
-            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+            show(),
         ]);
         let real = plan.passes.iter().find(|p| p.name == "use").unwrap().bindings[0].resource;
         assert_eq!(plan.resource(real).name, format!("order#{}", count % 2), "{}", shown(&plan));
@@ -70,7 +71,7 @@ fn a_history_that_is_changed_in_place_is_its_own_reader() {
 #[test]
 fn an_image_with_a_history_keeps_its_contents_through_changes_of_layout() {
     let plan = kept(&[
-        dispatch("make", "make.comp", r#""Out": "a""#),
+        make(),
         dispatch("use", "filter.comp", r#""Color": "last(trail)", "Image": "image""#),
         r#"Draw(name: "draw", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
             bind: {"In": "a"}, targets: [Target(image: "trail", load: Keep, blend: PremultipliedOver)]),"#.into(),
@@ -94,7 +95,7 @@ fn a_pass_that_needs_the_last_frame_and_this_one_of_the_same_buffer_is_a_cycle()
     let error = error_of(&with_history(&[
         dispatch("make", "make.comp", r#""Out": "past""#),
         dispatch("use", "join.comp", r#""In": "last(past)", "In2": "past", "Out": "a""#),
-        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        show(),
     ]));
     assert!(error.contains("wait for each other"), "{error}");
 }
@@ -139,7 +140,7 @@ fn a_history_that_every_frame_writes_over_before_it_reads_is_none() {
         r#"Fill(name: "clear", buffer: "past", value: 0),"#.into(),
         dispatch("count", "change.comp", r#""Out": "past""#),
         draw("draw", "Clear(0, 0, 0, 0)").replace("color", "trail"),
-        dispatch("make", "make.comp", r#""Out": "a""#),
+        make(),
         dispatch("mix", "filter.comp", r#""Color": "trail", "Image": "image""#),
         dispatch("show", "mix.comp", r#""In": "past", "Image": "image""#),
     ];
@@ -209,7 +210,7 @@ fn whether_contents_are_kept_may_depend_on_a_constant() {
     let passes = [
         dispatch("make", "make.comp", r#""Out": "past""#),
         dispatch("use", "copy.comp", r#""In": "keep ? 'last(past)' : 'past'", "Out": "a""#),
-        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        show(),
     ];
     let text = with_history(&passes)
         .replace(
@@ -231,7 +232,7 @@ fn a_history_without_readers_goes_with_its_passes() {
         dispatch("make", "make.comp", r#""Out": "past""#),
         dispatch("spare", "copy.comp", r#""In": "last(past)", "Out": "b""#),
         dispatch("other", "make.comp", r#""Out": "a""#),
-        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        show(),
     ]);
     assert_eq!(frame(&plan), ["other", "show", "export"]);
     assert_eq!(plan.prologue, []);
@@ -242,12 +243,12 @@ fn a_history_without_readers_goes_with_its_passes() {
 fn a_result_that_frames_change_is_state_unless_they_first_overwrite_it() {
     let clear = r#"Fill(name: "clear", buffer: "a", value: 0),"#;
     for (first, is_state) in [("", true), (clear, false)] {
-        let plan = solved("", &[
+        let plan = solved(&[
             r#"Dispatch(name: "start", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "a"}),"#.into(),
             r#"Dispatch(name: "keep", run: Once, shader: "copy.comp", size: Threads(64), bind: {"In": "a", "Out": "b"}),"#.into(),
             first.into(),
             dispatch("step", "change.comp", r#""Out": "a""#),
-            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+            show(),
             dispatch("also", "show.comp", r#""In": "b", "Image": "image""#),
         ]);
         assert_eq!(plan.prologue.len(), 2, "{}", shown(&plan));

@@ -10,7 +10,7 @@ fn aliases(plan: &Plan) -> Vec<Vec<&str>> {
 #[test]
 fn resources_that_are_never_alive_together_share_memory_and_the_next_alias_waits_for_the_last() {
     let passes = [
-        dispatch("make", "make.comp", r#""Out": "a""#),
+        make(),
         dispatch("one", "copy.comp", r#""In": "a", "Out": "b""#),
         dispatch("two", "copy.comp", r#""In": "b", "Out": "c""#),
         dispatch("show", "show.comp", r#""In": "c", "Image": "image""#),
@@ -21,7 +21,7 @@ fn resources_that_are_never_alive_together_share_memory_and_the_next_alias_waits
     assert_eq!(plan.unshared_bytes() - plan.transient_bytes(), 256);
     let expected = ["WriteAfterRead on a (image) after export of the previous frame"];
     assert_eq!(dependencies(&plan, "make"), expected, "{}", shown(&plan));
-    let apart = solved("", &passes);
+    let apart = solved(&passes);
     assert_eq!(aliases(&apart), Vec::<Vec<&str>>::new());
     assert_eq!(apart.unshared_bytes(), apart.transient_bytes());
 }

@@ -9,11 +9,11 @@ use crate::ir::{Layout, PassId, Work};
 use crate::oracle;
 use crate::plan::{Dependency, Plan, Since};
 use crate::solve::reorder;
-use crate::testing::{apart, dispatch, draw, error_of, frame, graph, plan};
+use crate::testing::{apart, dispatch, draw, error_of, frame, graph, make, plan, show};
 
 /// Solves with every resource in its own memory.
-fn solved(params: &str, passes: &[String]) -> Plan {
-    apart(&graph(params, &passes.join("\n")))
+fn solved(passes: &[String]) -> Plan {
+    apart(&graph("", &passes.join("\n")))
 }
 
 /// Solves with shared memory.

@@ -3,27 +3,18 @@ use crate::testing::plan_of;
 
 #[test]
 fn the_only_writer_runs_before_a_reader_that_stands_above_it_in_the_file() {
-    let plan = solved(
-        "",
-        &[
-            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-            dispatch("make", "make.comp", r#""Out": "a""#),
-        ],
-    );
+    let plan = solved(&[show(), make()]);
     assert_eq!(frame(&plan), ["make", "show", "export"], "{}", shown(&plan));
 }
 
 #[test]
 fn several_writers_keep_the_order_of_the_file() {
-    let plan = solved(
-        "",
-        &[
-            dispatch("first", "make.comp", r#""Out": "a""#),
-            dispatch("second", "change.comp", r#""Out": "a""#),
-            dispatch("third", "change.comp", r#""Out": "a""#),
-            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-        ],
-    );
+    let plan = solved(&[
+        dispatch("first", "make.comp", r#""Out": "a""#),
+        dispatch("second", "change.comp", r#""Out": "a""#),
+        dispatch("third", "change.comp", r#""Out": "a""#),
+        show(),
+    ]);
     assert_eq!(frame(&plan), ["first", "second", "third", "show", "export"], "{}", shown(&plan));
     assert_eq!(dependencies(&plan, "third"), ["ReadAfterWrite on a after second"]);
 }
@@ -37,7 +28,7 @@ fn a_shader_that_only_asks_for_a_length_waits_for_nothing_and_hides_no_write() {
         dispatch("join", "join.comp", r#""In": "a", "In2": "b", "Out": "d""#),
         dispatch("show", "join_show.comp", r#""In": "c", "In2": "d", "Image": "image""#),
     ];
-    let plan = solved("", &passes);
+    let plan = solved(&passes);
     assert_eq!(dependencies(&plan, "again"), ["WriteAfterWrite on a after make"]);
     assert_eq!(dependencies(&plan, "length"), ["WriteAfterRead on c after show of the previous frame"]);
     for plan in [plan, packed(&passes)] {
@@ -53,7 +44,7 @@ fn a_shader_that_only_asks_for_the_size_of_an_image_waits_for_its_layout_and_kee
         dispatch("show", "show.comp", r#""In": "d", "Image": "image""#),
     ];
     let passes = [&[dispatch("paint", "paint.comp", r#""Color": "color""#)], &size[..]].concat();
-    for plan in [solved("", &size), packed(&size), solved("", &passes), packed(&passes)] {
+    for plan in [solved(&size), packed(&size), solved(&passes), packed(&passes)] {
         assert_eq!(frame(&plan), ["size", "copy", "show", "export"]);
         let changes = plan.layout_changes.iter();
         let changed: Vec<&str> = changes.map(|change| plan.resource(change.image).name.as_str()).collect();
@@ -64,15 +55,12 @@ fn a_shader_that_only_asks_for_the_size_of_an_image_waits_for_its_layout_and_kee
 
 #[test]
 fn a_pass_that_nothing_reads_from_is_left_out_with_what_feeds_only_it() {
-    let plan = solved(
-        "",
-        &[
-            dispatch("make", "make.comp", r#""Out": "a""#),
-            dispatch("spare", "make.comp", r#""Out": "b""#),
-            dispatch("waste", "copy.comp", r#""In": "b", "Out": "c""#),
-            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-        ],
-    );
+    let plan = solved(&[
+        make(),
+        dispatch("spare", "make.comp", r#""Out": "b""#),
+        dispatch("waste", "copy.comp", r#""In": "b", "Out": "c""#),
+        show(),
+    ]);
     assert_eq!(frame(&plan), ["make", "show", "export"]);
     let left: Vec<&str> = plan.culled.iter().map(|l| l.pass.as_str()).collect();
     assert_eq!(left, ["spare", "waste"]);
@@ -82,19 +70,16 @@ fn a_pass_that_nothing_reads_from_is_left_out_with_what_feeds_only_it() {
 #[test]
 fn ping_pong_ends_at_the_right_half_for_odd_and_even_counts() {
     for count in 1..=4 {
-        let plan = solved(
-            "",
-            &[
-                dispatch("make", "make.comp", r#""Out": "keys""#),
-                format!(
-                    r#"Repeat(var: "i", count: {count}, body: [
+        let plan = solved(&[
+            dispatch("make", "make.comp", r#""Out": "keys""#),
+            format!(
+                r#"Repeat(var: "i", count: {count}, body: [
                     Dispatch(name: "step", shader: "copy.comp", size: Threads(64), bind: {{"In": "front(keys)", "Out": "back(keys)"}}),
                     Swap("keys"),
                 ]),"#
-                ),
-                dispatch("show", "show.comp", r#""In": "keys", "Image": "image""#),
-            ],
-        );
+            ),
+            dispatch("show", "show.comp", r#""In": "keys", "Image": "image""#),
+        ]);
         assert_eq!(plan.frame.len(), count + 3, "{}", shown(&plan));
         let last = format!("keys#{}", count % 2);
         let show = plan.passes.iter().find(|p| p.name == "show").unwrap();
@@ -122,29 +107,26 @@ fn a_buffer_that_each_frame_clears_is_not_taken_for_the_keys_of_a_sort() {
 #[test]
 fn the_same_file_gives_the_same_plan() {
     let passes = [
-        dispatch("make", "make.comp", r#""Out": "a""#),
+        make(),
         dispatch("left", "copy.comp", r#""In": "a", "Out": "b""#),
         dispatch("right", "copy.comp", r#""In": "a", "Out": "c""#),
         dispatch("join", "join.comp", r#""In": "b", "In2": "c", "Out": "d""#),
         dispatch("show", "show.comp", r#""In": "d", "Image": "image""#),
     ];
-    assert_eq!(solved("", &passes), solved("", &passes));
+    assert_eq!(solved(&passes), solved(&passes));
 }
 
 #[test]
 fn a_writer_that_is_left_out_still_keeps_its_neighbours_apart() {
-    let plan = solved(
-        "",
-        &[
-            dispatch("first", "make.comp", r#""Out": "a""#),
-            dispatch("use", "join.comp", r#""In": "a", "In2": "c", "Out": "d""#),
-            dispatch("spare", "make.comp", r#""Out": "a""#),
-            dispatch("both", "pair.comp", r#""Out": "a", "Out2": "b""#),
-            dispatch("late", "make.comp", r#""Out": "c""#),
-            dispatch("join", "join.comp", r#""In": "b", "In2": "d", "Out": "e""#),
-            dispatch("show", "show.comp", r#""In": "e", "Image": "image""#),
-        ],
-    );
+    let plan = solved(&[
+        dispatch("first", "make.comp", r#""Out": "a""#),
+        dispatch("use", "join.comp", r#""In": "a", "In2": "c", "Out": "d""#),
+        dispatch("spare", "make.comp", r#""Out": "a""#),
+        dispatch("both", "pair.comp", r#""Out": "a", "Out2": "b""#),
+        dispatch("late", "make.comp", r#""Out": "c""#),
+        dispatch("join", "join.comp", r#""In": "b", "In2": "d", "Out": "e""#),
+        dispatch("show", "show.comp", r#""In": "e", "Image": "image""#),
+    ]);
     assert_eq!(frame(&plan), ["first", "late", "use", "both", "join", "show", "export"], "{}", shown(&plan));
     assert_eq!(plan.culled[0].pass, "spare");
 }
@@ -165,16 +147,13 @@ fn a_name_may_be_chosen_by_an_expression() {
 
 #[test]
 fn another_order_of_the_same_passes_gets_the_dependencies_that_it_needs() {
-    let plan = solved(
-        "",
-        &[
-            dispatch("make", "make.comp", r#""Out": "a""#),
-            dispatch("left", "copy.comp", r#""In": "a", "Out": "b""#),
-            dispatch("right", "copy.comp", r#""In": "a", "Out": "c""#),
-            dispatch("join", "join.comp", r#""In": "b", "In2": "c", "Out": "d""#),
-            dispatch("show", "show.comp", r#""In": "d", "Image": "image""#),
-        ],
-    );
+    let plan = solved(&[
+        make(),
+        dispatch("left", "copy.comp", r#""In": "a", "Out": "b""#),
+        dispatch("right", "copy.comp", r#""In": "a", "Out": "c""#),
+        dispatch("join", "join.comp", r#""In": "b", "In2": "c", "Out": "d""#),
+        dispatch("show", "show.comp", r#""In": "d", "Image": "image""#),
+    ]);
     let mut ids = plan.frame.clone();
     ids.swap(1, 2);
     let other = reorder(&plan, &ids, false);
