@@ -1,6 +1,5 @@
+use std::fs;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU32, Ordering};
-use std::{env, fs, process};
 
 use super::*;
 use crate::ir::{FileId, Span};
@@ -19,16 +18,13 @@ fn library(memory: &[(&str, &str)]) -> SourceMap {
     SourceMap::new(Library { builtin: BUILTIN, memory, ..Library::default() })
 }
 
-/// A folder that is removed at the end of the test.
-struct Folder(PathBuf);
+struct Folder(tempfile::TempDir);
 
 impl Folder {
     fn new(files: &[(&str, &str)]) -> Folder {
-        static NEXT: AtomicU32 = AtomicU32::new(0);
-        let name = format!("splatgraph-source-{}-{}", process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
-        let folder = Folder(env::temp_dir().join(name));
+        let folder = Folder(tempfile::tempdir().unwrap());
         for (path, text) in files {
-            let path = folder.0.join(path);
+            let path = folder.0.path().join(path);
             fs::create_dir_all(path.parent().unwrap()).unwrap();
             fs::write(path, text).unwrap();
         }
@@ -36,13 +32,7 @@ impl Folder {
     }
 
     fn path(&self, name: &str) -> String {
-        self.0.join(name).to_str().unwrap().to_string()
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
+        self.0.path().join(name).to_str().unwrap().to_string()
     }
 }
 
@@ -130,7 +120,7 @@ fn shaders_are_found_beside_a_folder_of_any_name() {
 #[test]
 fn one_file_is_one_id_whatever_it_is_called() {
     let folder = Folder::new(&[("x/a.ron", "a"), ("y/b.ron", "b")]);
-    let include_roots = vec![folder.0.clone()];
+    let include_roots = vec![folder.0.path().to_owned()];
     let mut files = SourceMap::new(Library { include_roots, ..Library::default() });
     let a = files.find(None, &folder.path("x/a.ron"), Kind::Graph).unwrap();
     let b = files.find(Some(a), "../y/b.ron", Kind::Graph).unwrap();
@@ -492,7 +482,7 @@ fn a_device_or_a_folder_is_not_read_to_tell_what_it_holds() {
 fn an_editors_text_is_read_in_place_of_the_file_on_disk_and_not_without_one() {
     let folder = Folder::new(&[("my.ron", "saved"), ("step.comp", "saved step")]);
     let texts = [("my.ron", "typed"), ("new.ron", "never saved"), ("new.comp", "new step")];
-    let unsaved = texts.map(|(name, text)| (folder.0.join(name), text.to_string())).into();
+    let unsaved = texts.map(|(name, text)| (folder.0.path().join(name), text.to_string())).into();
     let mut files = SourceMap::new(Library { unsaved, ..Library::default() });
     let graph = finds(&mut files, None, &folder.path("my.ron"), Kind::Graph, "typed");
     finds(&mut files, Some(graph), "step.comp", Kind::Shader, "saved step");
