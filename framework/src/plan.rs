@@ -414,16 +414,16 @@ impl<R> Transition<R> {
 /// APIs without layouts ignore it. For others it is a write of the whole image just before the pass, or in the
 /// handover. It waits for the dependencies with [`Dependency::changes_layout`]; there are none if the image was never
 /// accessed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LayoutChange {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LayoutChange<P = PassId, R = ResourceId> {
     /// Image whose layout changes.
-    pub image: ResourceId,
+    pub image: R,
     /// The layout before the change; [`Layout::Undefined`] if the contents are not needed.
     pub old: Layout,
     /// The layout after the change.
     pub new: Layout,
     /// The pass that needs the new layout.
-    pub before: PassId,
+    pub before: P,
     /// True in the handover, which transitions the image to its layout between frames. `before` is then the first pass
     /// of the frame that accesses the image.
     pub handover: bool,

@@ -7,7 +7,7 @@ use crate::ir::{
     Binding, Culled, DepthTarget, Fallback, Masks, Origin, Reason, Run, Shape, Stat, Target, Topology, Usage,
     Use, Value,
 };
-use crate::plan::{Cause, Dependency, Transition};
+use crate::plan::{Cause, Dependency, LayoutChange, Transition};
 
 /// Version of the JSON form; raised when a field changes its meaning or is removed.
 pub const DUMP_VERSION: u32 = 4;
@@ -47,7 +47,7 @@ pub struct Dump {
     pub handover: Vec<DumpBarrier>,
     /// Layout changes of images, for APIs with layouts: in the prologue, in the handover, and in the frame.
     #[serde(default)]
-    pub layout_changes: Vec<DumpLayoutChange>,
+    pub layout_changes: Vec<LayoutChange<Declared, String>>,
     /// Passes and includes of the graph that are not in the plan.
     pub left_out: Vec<Culled>,
     /// Constructs of the graph that are allowed but probably unintended.
@@ -153,18 +153,6 @@ pub struct BarrierTotals {
     pub image_barriers: usize,
     /// Number of reasons for the barriers: the entries of all [`DumpBarrier::dependencies`].
     pub dependencies: usize,
-}
-
-/// A change of an image's layout before a pass.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DumpLayoutChange {
-    /// The image and its layouts.
-    #[serde(flatten)]
-    pub transition: Transition<String>,
-    /// The pass that needs the new layout.
-    pub before: Declared,
-    /// True if the change is made once, between the prologue and the first frame.
-    pub handover: bool,
 }
 
 /// A memory block, as large as its largest alias.

@@ -1,8 +1,8 @@
 //! Converts a plan to its dump: replaces numbers by names, and computes sums and lifetimes.
 
 use super::form::{
-    DUMP_VERSION, Declared, Define, Dump, DumpBlock, DumpLayoutChange, DumpParameter, DumpPass, DumpPhase,
-    DumpPush, DumpResource, DumpShader, DumpWarning, Lifetime, Totals,
+    DUMP_VERSION, Declared, Define, Dump, DumpBlock, DumpParameter, DumpPass, DumpPhase, DumpPush,
+    DumpResource, DumpShader, DumpWarning, Lifetime, Totals,
 };
 use super::repeats;
 use crate::ir::{
@@ -68,12 +68,10 @@ fn warning_of(warning: &Warning) -> DumpWarning {
     }
 }
 
-fn layout_change_of(plan: &Plan, change: &LayoutChange) -> DumpLayoutChange {
-    DumpLayoutChange {
-        transition: change.transition().map(|id| plan.resource(*id).name.clone()),
-        before: Declared::pass(plan, change.before),
-        handover: change.handover,
-    }
+fn layout_change_of(plan: &Plan, change: &LayoutChange) -> LayoutChange<Declared, String> {
+    let LayoutChange { image, old, new, before, handover } = *change;
+    let image = plan.resource(image).name.clone();
+    LayoutChange { image, old, new, before: Declared::pass(plan, before), handover }
 }
 
 fn parameter_of(plan: &Plan, param: &crate::ir::Param) -> DumpParameter {
