@@ -354,7 +354,7 @@ struct Compilation {
     file: String,
     stage: ShaderStage,
     defines: Vec<(String, String)>,
-    generated: Vec<(String, String)>,
+    live_glsl: Option<String>,
 }
 
 struct Recorder {
@@ -372,11 +372,7 @@ impl ShaderCompiler for Recorder {
             file: files.path(request.file).to_string(),
             stage: request.stage,
             defines: request.defines.to_vec(),
-            generated: request
-                .generated
-                .iter()
-                .map(|(name, file)| (name.clone(), files.text(*file).into()))
-                .collect(),
+            live_glsl: request.live_glsl.map(|file| files.text(file).into()),
         };
         if !self.seen.contains(&compilation) {
             self.seen.push(compilation);
@@ -418,14 +414,13 @@ fn damaged_shaders_are_compiled_or_errors_with_a_place() {
     };
     fuzz("shaders", &files, GLSL, |random| {
         let number = random.below(compilations.len());
-        let Compilation { file, stage, defines, generated } = &compilations[number];
+        let Compilation { file, stage, defines, live_glsl } = &compilations[number];
         let included = if random.below(4) == 0 { includes(file) } else { Vec::new() };
         let name = if included.is_empty() { file.as_str() } else { included[random.below(included.len())] };
         let build = move |map: &mut SourceMap, compiler: &mut Glslang| {
             let file = map.find(None, file, Kind::Shader).map_err(|_| Vec::new())?;
-            let generated: Vec<_> =
-                generated.iter().map(|(name, text)| (name.clone(), map.add(name, text))).collect();
-            let request = ShaderRequest { file, stage: *stage, defines, unfit: &[], generated: &generated };
+            let live_glsl = live_glsl.as_ref().map(|text| map.add("live.glsl", text));
+            let request = ShaderRequest { file, stage: *stage, defines, unfit: &[], live_glsl };
             compiler.compile(map, &request).map(|compiled| compiled.spirv)
         };
         (name, (number, build))

@@ -318,7 +318,7 @@ fn compare_reflections(name: &str, text: &str) -> Result<(), String> {
     let mut files = SourceMap::new(library);
     let file = files.find(None, name, Kind::Shader).map_err(|e| e.to_string())?;
     let stage = ShaderStage::of_file(name).ok_or("no shader's name")?;
-    let request = ShaderRequest { file, stage, defines: &[], unfit: &[], generated: &[] };
+    let request = ShaderRequest { file, stage, defines: &[], unfit: &[], live_glsl: None };
     let compiled = Glslang::default().compile(&mut files, &request);
     let compiled = compiled.map_err(|e| explain(&files, &e, false))?;
     let mut stated = compiler::reflection(text, stage);

@@ -61,7 +61,7 @@ pub(super) fn mentioned(
     }
     // This stub of the generated file mentions the block, which shows that a shader includes it, but no parameter: only
     // parameters in the shader's own text count.
-    let generated = linker::generated(files, LIVE_BLOCK);
+    let live_glsl = Some(linker::add_live_glsl(files, LIVE_BLOCK));
     let mut known: BTreeMap<_, BTreeSet<String>> = BTreeMap::new();
     let mut of_shader = |removed: &RemovedPass, name: &String| -> ParamSet {
         let key = (removed.file, name.clone());
@@ -74,7 +74,7 @@ pub(super) fn mentioned(
                 return BTreeSet::new();
             };
             let stage = ShaderStage::of_file(name).unwrap_or(ShaderStage::Compute);
-            let request = ShaderRequest { file, stage, defines: &[], unfit: &[], generated: &generated };
+            let request = ShaderRequest { file, stage, defines: &[], unfit: &[], live_glsl };
             compiler.identifiers(files, &request)
         });
         let constants = behind(&removed.constants, names);

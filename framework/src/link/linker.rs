@@ -52,13 +52,12 @@ pub(super) const MAX_COMPILATIONS: usize = 500;
 
 pub(super) type Defines = Vec<(String, String)>;
 
-/// Adds the text of `live.glsl`, which shaders include, to the files. An equal text is added once.
-pub(super) fn generated(files: &mut SourceMap, live_glsl: &str) -> Vec<(String, FileId)> {
-    let name = "live.glsl".to_string();
-    let path = format!("{name} (generated)");
-    let is_same = |&(file, known, _): &(FileId, &str, bool)| known == path && files.text(file) == live_glsl;
+/// Adds the text of `live.glsl`, which shaders include, to the files; an equal text once.
+pub(super) fn add_live_glsl(files: &mut SourceMap, text: &str) -> FileId {
+    let path = "live.glsl (generated)";
+    let is_same = |&(file, known, _): &(FileId, &str, bool)| known == path && files.text(file) == text;
     let known = files.opened().find(is_same).map(|(file, ..)| file);
-    vec![(name, known.unwrap_or_else(|| files.add(path, live_glsl)))]
+    known.unwrap_or_else(|| files.add(path, text))
 }
 
 pub(super) struct Linker<'a> {
@@ -124,9 +123,9 @@ mod tests {
     #[test]
     fn an_equal_generated_text_is_added_once() {
         let mut files = SourceMap::default();
-        let first = generated(&mut files, "float a;");
-        assert_eq!(generated(&mut files, "float a;"), first);
-        assert_ne!(generated(&mut files, "float b;"), first);
+        let first = add_live_glsl(&mut files, "float a;");
+        assert_eq!(add_live_glsl(&mut files, "float a;"), first);
+        assert_ne!(add_live_glsl(&mut files, "float b;"), first);
         assert_eq!(files.opened().count(), 2);
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use super::linker::{Linker, MAX_COMPILATIONS, generated};
+use super::linker::{Linker, MAX_COMPILATIONS, add_live_glsl};
 use crate::ir::{
     DeviceFacts, FEATURE_FACTS, Features, Groups, Reflection, Shader, ShaderId, ShaderStage, Span,
 };
@@ -82,9 +82,9 @@ impl Linker<'_> {
         if let Some(known) = self.compiled.get(&key) {
             return *known;
         }
-        let generated = generated(self.files, &pass.live_glsl);
-        let (defines, unfit, generated) = (&pass.defines, &pass.unfit, &generated);
-        let request = ShaderRequest { file, stage, defines, unfit, generated };
+        let live_glsl = Some(add_live_glsl(self.files, &pass.live_glsl));
+        let (defines, unfit) = (&pass.defines, &pass.unfit);
+        let request = ShaderRequest { file, stage, defines, unfit, live_glsl };
         let id = match self.compiler.compile(self.files, &request) {
             Ok(Compiled { spirv, defines, reached, reflection, declared }) => {
                 let (name_in_graph, path) = (name.name.clone(), self.files.shown_path(file).into_owned());

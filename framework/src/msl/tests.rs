@@ -143,7 +143,7 @@ fn refusal(declarations: &str, body: &str) -> String {
 fn replace(shader: &mut Shader, stage: ShaderStage, text: String) {
     let mut files = SourceMap::new(Library::default());
     let file = files.add("test.glsl", text);
-    let request = ShaderRequest { file, stage, defines: &[], unfit: &[], generated: &[] };
+    let request = ShaderRequest { file, stage, defines: &[], unfit: &[], live_glsl: None };
     let compiled = Glslang::default().compile(&mut files, &request);
     let compiled = compiled.unwrap_or_else(|errors| panic!("{}", render(&files, &errors, false)));
     (shader.spirv, shader.reflection) = (compiled.spirv, compiled.reflection);

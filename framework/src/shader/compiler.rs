@@ -17,8 +17,8 @@ pub struct ShaderRequest<'a> {
     pub defines: &'a [(String, String)],
     /// Names and values of constants beyond 32 bits, which have no define. A shader that mentions one is an error.
     pub unfit: &'a [(String, String)],
-    /// Generated files (`live.glsl`) by the names under which `#include` finds them, before all others.
-    pub generated: &'a [(String, FileId)],
+    /// The generated file that `#include "live.glsl"` finds, before all others.
+    pub live_glsl: Option<FileId>,
 }
 
 /// A compiled shader.

@@ -219,7 +219,7 @@ impl Build {
         let one = stage == ShaderStage::Compute && !glsl.contains("local_size_x");
         let one = if one { "layout(local_size_x = 1) in;\n" } else { "" };
         let file = files.add(name, format!("#version 460\n{one}{glsl}"));
-        let request = ShaderRequest { file, stage, defines: &[], unfit: &[], generated: &[] };
+        let request = ShaderRequest { file, stage, defines: &[], unfit: &[], live_glsl: None };
         let compiled = Glslang::new().compile(&mut files, &request);
         let compiled = compiled.unwrap_or_else(|errors| panic!("{}", render(&files, &errors, false)));
         self.plan.shaders.push(Shader {

@@ -14,6 +14,9 @@ use crate::source::{Diagnostic, Kind, NotFound, SourceMap, nearest};
 pub(super) const MAX_BYTES: usize = 256 << 10;
 pub(super) const MAX_FILES: usize = 256;
 
+/// The name of the generated file with the live parameters.
+const LIVE_GLSL: &str = "live.glsl";
+
 pub(super) struct Sources {
     /// The files in the order of first mention, the shader itself first.
     pub units: Vec<Unit>,
@@ -85,19 +88,13 @@ impl Sources {
                 if includes.contains_key(name) {
                     continue;
                 }
-                let target = match request.generated.iter().find(|(generated, _)| generated == name) {
-                    Some((_, file)) => Ok(*file),
-                    None => {
-                        // Includes of a generated text are resolved as if they were the shader's own.
-                        let is_generated = request.generated.iter().any(|(_, generated)| *generated == file);
-                        let from = if is_generated { request.file } else { file };
-                        files.find(Some(from), name, Kind::Shader).map_err(|mut not_found| {
-                            let generated = request.generated.iter().map(|g| g.0.as_str());
-                            let near = nearest(name, generated).map(str::to_string);
-                            not_found.nearest = near.or(not_found.nearest.take());
-                            not_found
-                        })
-                    }
+                let target = match request.live_glsl.filter(|_| name == LIVE_GLSL) {
+                    Some(file) => Ok(file),
+                    None => files.find(Some(file), name, Kind::Shader).map_err(|mut not_found| {
+                        let near = nearest(name, request.live_glsl.map(|_| LIVE_GLSL)).map(str::to_string);
+                        not_found.nearest = near.or(not_found.nearest.take());
+                        not_found
+                    }),
                 };
                 let target = target.map(|file| {
                     found.iter().position(|known| *known == file).unwrap_or_else(|| {
@@ -317,10 +314,10 @@ pub(super) fn live_params<'f>(
     files: &'f SourceMap,
     request: &ShaderRequest,
 ) -> Option<(FileId, Vec<&'f str>)> {
-    let (_, generated) = request.generated.iter().find(|(file, _)| file == "live.glsl")?;
+    let file = request.live_glsl?;
     // Each member is an indented line that ends with its name, such as `    layout(offset = 0) float gain;`.
     let member = |line: &'f str| line.strip_prefix("    ")?.strip_suffix(';')?.rsplit(' ').next();
-    Some((*generated, files.text(*generated).lines().filter_map(member).collect()))
+    Some((file, files.text(file).lines().filter_map(member).collect()))
 }
 
 fn first_line(text: &str) -> Range<usize> {

@@ -8,7 +8,7 @@ use crate::source::{Library, SourceMap, render};
 fn compile(stage: ShaderStage, body: &str) -> Result<(Vec<u32>, Reflection), String> {
     let mut files = SourceMap::new(Library::default());
     let file = files.add("test.glsl", format!("#version 460\n{body}"));
-    let request = ShaderRequest { file, stage, defines: &[], unfit: &[], generated: &[] };
+    let request = ShaderRequest { file, stage, defines: &[], unfit: &[], live_glsl: None };
     match Glslang::new().compile(&mut files, &request) {
         Ok(compiled) => Ok((compiled.spirv.to_vec(), compiled.reflection)),
         Err(diagnostics) => Err(render(&files, &diagnostics, false)),

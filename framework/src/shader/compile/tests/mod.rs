@@ -27,32 +27,29 @@ impl Bench {
     }
 
     fn compile(&mut self, name: &str, defines: &[(&str, &str)]) -> Result<Compiled, String> {
-        self.compile_with(name, defines, &[])
+        self.compile_with(name, defines, None)
     }
 
     fn compile_with(
         &mut self,
         name: &str,
         defines: &[(&str, &str)],
-        generated: &[(&str, &str)],
+        live: Option<&str>,
     ) -> Result<Compiled, String> {
-        self.diagnostics(name, defines, generated).map_err(|d| render(&self.files, &d, false))
+        self.diagnostics(name, defines, live).map_err(|d| render(&self.files, &d, false))
     }
 
     fn diagnostics(
         &mut self,
         name: &str,
         defines: &[(&str, &str)],
-        generated: &[(&str, &str)],
+        live: Option<&str>,
     ) -> Result<Compiled, Vec<Diagnostic>> {
         let defines: Vec<_> = defines.iter().map(|(a, b)| (a.to_string(), b.to_string())).collect();
-        let mut add = |(name, text): &(&str, &str)| {
-            (name.to_string(), self.files.add(format!("{name} (generated)"), *text))
-        };
-        let generated: Vec<_> = generated.iter().map(&mut add).collect();
+        let live_glsl = live.map(|text| self.files.add("live.glsl (generated)", text));
         let file = self.files.find(None, name, Kind::Shader).expect("the shader is there");
         let stage = ShaderStage::of_file(name).unwrap_or(ShaderStage::Compute);
-        let request = ShaderRequest { file, stage, defines: &defines, unfit: &[], generated: &generated };
+        let request = ShaderRequest { file, stage, defines: &defines, unfit: &[], live_glsl };
         self.compiler.compile(&mut self.files, &request)
     }
 }
@@ -70,7 +67,7 @@ fn errors(body: &str) -> Vec<String> {
 
 fn errors_of(files: &[(&str, &str)], defines: &[(&str, &str)]) -> Vec<String> {
     let mut bench = Bench::new(files);
-    let diagnostics = bench.diagnostics("a.comp", defines, &[]).expect_err("there are errors");
+    let diagnostics = bench.diagnostics("a.comp", defines, None).expect_err("there are errors");
     let line = |d: &Diagnostic| {
         let span = d.primary.span;
         let origin = bench.files.origin(span);
@@ -136,7 +133,7 @@ fn what_follows_an_error_in_its_line_is_left_out_and_what_follows_ten_errors() {
     let mut bench = Bench::new(&[("shaders/a.comp", &format!("{HEAD}\nx = y;\n"))]);
     let file = bench.files.find(None, "a.comp", Kind::Shader).unwrap();
     let request =
-        ShaderRequest { file, stage: ShaderStage::Compute, defines: &[], unfit: &[], generated: &[] };
+        ShaderRequest { file, stage: ShaderStage::Compute, defines: &[], unfit: &[], live_glsl: None };
     let sources = Sources::gather(&mut bench.files, &request, &mut Scans::default()).unwrap();
     let found = log::diagnose(&bench.files, &request, &sources, log);
     assert_eq!(found.iter().map(|d| d.message.as_str()).collect::<Vec<_>>(), ["`x`: undeclared identifier"]);
@@ -239,13 +236,13 @@ fn the_longest_sum_compiles() {
 }
 
 #[test]
-fn generated_files_come_before_all_others() {
+fn the_generated_file_comes_before_all_others() {
     let shader = format!("{HEAD}#include \"live.glsl\"\nvoid main() {{ o[0] = uint(cutoff); }}\n");
     let mut bench = Bench::new(&[("shaders/a.comp", &shader), ("shaders/live.glsl", "nonsense")]);
     let live = "layout(set = 0, binding = 31, std140) uniform Live { float cutoff; };\n";
-    let compiled = bench.compile_with("a.comp", &[], &[("live.glsl", live)]).unwrap();
+    let compiled = bench.compile_with("a.comp", &[], Some(live)).unwrap();
     assert!(compiled.reflection.bindings.iter().any(|b| b.name == "Live"));
-    let wrong = bench.compile_with("a.comp", &[], &[("live.glsl", "float cutoff = nothing;\n")]).unwrap_err();
+    let wrong = bench.compile_with("a.comp", &[], Some("float cutoff = nothing;\n")).unwrap_err();
     assert!(wrong.contains("live.glsl (generated):1:16"), "{wrong}");
 }
 
