@@ -51,16 +51,15 @@ pub fn build(
     build_candidate(request, None, files, compiler)
 }
 
-/// Like [`build`], but builds the graph at an index of [`lower::candidates`], if one is given; see
-/// [`lower::lower_candidate`].
+/// Like [`build`], but builds the graph at an index of [`lower::candidates`], if one is given. An index beyond the end
+/// means the last.
 pub fn build_candidate(
     request: &Request,
     candidate: Option<usize>,
     files: &mut SourceMap,
     compiler: &mut dyn ShaderCompiler,
 ) -> Result<Plan, Vec<Diagnostic>> {
-    let lowered =
-        info_span!("lower the graph").in_scope(|| lower::lower_candidate(request, candidate, files))?;
+    let lowered = info_span!("lower the graph").in_scope(|| lower::lower(request, candidate, files))?;
     let linked = info_span!("link the shaders").in_scope(|| link::link(lowered, request, files, compiler))?;
     if compiler.is_cancelled() {
         let span = linked.lowered.output_span;

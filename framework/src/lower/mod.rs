@@ -21,7 +21,7 @@ mod resources;
 mod results;
 mod scope;
 
-pub use lowered::{
+pub(crate) use lowered::{
     Declaration, Extent, Lowered, LoweredBind, LoweredInclude, LoweredPass, LoweredPush, LoweredSize,
     RemovedPass, RemovedUse, ShaderName, SkippedUse, Unswapped,
 };
@@ -56,21 +56,13 @@ pub struct Control {
     pub part: Option<String>,
 }
 
-/// Lowers the graph that `request` names; for a choice, the first graph whose requirements hold.
+/// Lowers the graph that `request` names. For a choice, `candidate` is the index of a graph among [`candidates`], where
+/// an index beyond the end means the last; `None` takes the first graph whose requirements hold.
 ///
 /// # Errors
 /// Errors of the request's settings and outputs, of the graph's file and the files that it refers to, or the unmet
-/// requirements if no graph suits the facts.
-pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Diagnostic>> {
-    lower_candidate(request, None, files)
-}
-
-/// Like [`lower`], but lowers the graph at an index of [`candidates`], if one is given. An index beyond the end means
-/// the last.
-///
-/// # Errors
-/// Those of [`lower`]; the graph's requirements must hold.
-pub fn lower_candidate(
+/// requirements of the graph.
+pub(crate) fn lower(
     request: &Request,
     candidate: Option<usize>,
     files: &mut SourceMap,
@@ -162,7 +154,7 @@ impl Root {
 /// Reads a graph's summary and parameters, without lowering its passes: for lists, help and controls.
 ///
 /// # Errors
-/// Those of [`lower`] about the request's settings, files, parameters and requirements.
+/// Those of [`build`](fn@crate::build) about the request's settings, files, parameters and requirements.
 pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec<Control>), Vec<Diagnostic>> {
     let Root { chosen, parameters, resolved } =
         Root::open(request, files, &mut Choices::new(request), &mut Known::default(), None)?;
@@ -185,7 +177,7 @@ pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec
 /// Lists the names of a request's settings that its graph rejects. Their parameter is unknown, or its type or range
 /// excludes the value. The range may depend on other settings; rejected settings are ignored there.
 ///
-/// Ignores errors of the graph, which [`lower`] reports.
+/// Ignores errors of the graph, which [`build`](fn@crate::build) reports.
 pub fn rejected_settings(request: &Request, files: &mut SourceMap) -> Vec<String> {
     let mut rejected = Vec::new();
     let _ =
@@ -218,7 +210,7 @@ impl ExpressionNames {
 /// Evaluates a graph's parameters and `let`s without lowering its passes, for editors. An invalid `let` is left out.
 ///
 /// # Errors
-/// Those of [`lower`] about the request's settings, files, parameters and requirements.
+/// Those of [`build`](fn@crate::build) about the request's settings, files, parameters and requirements.
 pub fn expression_names(
     request: &Request,
     files: &mut SourceMap,

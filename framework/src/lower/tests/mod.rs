@@ -362,8 +362,10 @@ fn a_text_that_a_fact_never_is_is_an_error() {
     facts.host.insert("scene.key_of".into(), Value::Text("depth".into()));
     facts.texts.insert("scene.key_of".into(), vec!["depth".into(), "distance".into()]);
     let lowered = |text: &str| {
-        asked_of(&facts, &[("graph.ron", &graph(text))], &[], super::lower)
-            .map_err(|errors| errors[0].primary.text.clone())
+        asked_of(&facts, &[("graph.ron", &graph(text))], &[], |request, files| {
+            super::lower(request, None, files)
+        })
+        .map_err(|errors| errors[0].primary.text.clone())
     };
     assert!(lowered("distance").is_ok());
     assert_eq!(lowered("depht").map(drop), Err("expected `depth` or `distance`, found `depht`".into()));
