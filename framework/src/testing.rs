@@ -107,7 +107,7 @@ impl ShaderCompiler for ListCompiler {
                 ["out", name] => {
                     let location = reflection.outputs.len() as u32;
                     let glsl_type = "vec4".into();
-                    reflection.outputs.push(Varying { name: name.into(), location, glsl_type, flat: false });
+                    reflection.outputs.push(Varying { name: name.into(), location, glsl_type });
                 }
                 _ => {}
             }

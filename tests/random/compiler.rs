@@ -59,8 +59,7 @@ pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
             }
             "location" => {
                 let varyings = if has("in") { &mut reflection.inputs } else { &mut reflection.outputs };
-                let (name, glsl_type) = (name(0), name(1));
-                varyings.push(Varying { name, location: number(2), glsl_type, flat: has("flat") });
+                varyings.push(Varying { name: name(0), location: number(2), glsl_type: name(1) });
             }
             "set" => {
                 let (reads, writes, is_buffer) = (!has("writeonly"), !has("readonly"), has("buffer"));

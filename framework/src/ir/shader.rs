@@ -232,6 +232,4 @@ pub struct Varying {
     pub location: u32,
     /// GLSL type, for instance `vec4`, `uint` or `vec2`.
     pub glsl_type: String,
-    /// True for `flat` variables, which are not interpolated.
-    pub flat: bool,
 }

@@ -297,10 +297,9 @@ fn varyings(module: &Module, class: StorageClass) -> Result<Vec<Varying>, String
     let mut varyings = Vec::new();
     for variable in module.variables.iter().filter(|v| v.class == class && module.interface.contains(&v.id)) {
         let base = module.number(variable.id, None, Decoration::Location);
-        let flat = module.decoration(variable.id, None, Decoration::Flat).is_some();
-        let mut add = |name: &str, location: u32, id: Word, flat: bool| {
+        let mut add = |name: &str, location: u32, id: Word| {
             let glsl_type = glsl_type(module, id)?;
-            varyings.push(Varying { name: name.to_string(), location, glsl_type, flat });
+            varyings.push(Varying { name: name.to_string(), location, glsl_type });
             Ok::<_, String>(())
         };
         if let Type::Struct { members } = &module.type_of(variable.pointee)?.kind {
@@ -310,14 +309,12 @@ fn varyings(module: &Module, class: StorageClass) -> Result<Vec<Varying>, String
                 let index = index as u32;
                 next = module.number(variable.pointee, Some(index), Decoration::Location).or(next);
                 let Some(location) = next else { continue };
-                let flat =
-                    flat || module.decoration(variable.pointee, Some(index), Decoration::Flat).is_some();
-                add(module.name(variable.pointee, Some(index)), location, *member, flat)?;
+                add(module.name(variable.pointee, Some(index)), location, *member)?;
                 let taken = u32::try_from(locations(module, *member)?).unwrap_or(u32::MAX);
                 next = Some(location.saturating_add(taken));
             }
         } else if let Some(location) = base {
-            add(module.name(variable.id, None), location, variable.pointee, flat)?;
+            add(module.name(variable.id, None), location, variable.pointee)?;
         }
     }
     varyings.sort_by(|a, b| (a.location, &a.name).cmp(&(b.location, &b.name)));

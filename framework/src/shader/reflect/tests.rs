@@ -490,26 +490,20 @@ fn stage_inputs_and_outputs_are_listed_by_location() {
                        block.f[0] = 1.0; gl_Position = vec4(0); }",
     );
     let list = |varyings: &[Varying]| -> Vec<String> {
-        let text = |v: &Varying| {
-            format!("{} {}{} {}", v.location, if v.flat { "flat " } else { "" }, v.glsl_type, v.name)
-        };
-        varyings.iter().map(text).collect()
+        varyings.iter().map(|v| format!("{} {} {}", v.location, v.glsl_type, v.name)).collect()
     };
     assert_eq!(r.stage, ShaderStage::Vertex);
     assert_eq!(list(&r.inputs), ["0 float[2] weight"]);
     assert_eq!(
         list(&r.outputs),
-        ["0 vec2 uv", "1 vec4 color", "2 flat uint id", "3 mat3x2 m", "8 flat ivec3 i", "9 float[2] f"]
+        ["0 vec2 uv", "1 vec4 color", "2 uint id", "3 mat3x2 m", "8 ivec3 i", "9 float[2] f"]
     );
     let r = reflected(
         ShaderStage::Fragment,
         "layout(location = 2) flat in uint id; layout(location = 0) out vec4 color;
          void main() { color = vec4(id); }",
     );
-    assert_eq!(
-        (list(&r.inputs), list(&r.outputs)),
-        (vec!["2 flat uint id".into()], vec!["0 vec4 color".into()])
-    );
+    assert_eq!((list(&r.inputs), list(&r.outputs)), (vec!["2 uint id".into()], vec!["0 vec4 color".into()]));
 }
 
 #[test]
