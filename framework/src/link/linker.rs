@@ -50,7 +50,9 @@ pub struct PassParams {
 /// Maximum number of shader compilations of a graph.
 pub(super) const MAX_COMPILATIONS: usize = 500;
 
-pub(super) type Defines = Vec<(String, String)>;
+/// A compilation: the shader's file, its stage (links can give one file two), its
+/// defines and its `live.glsl`.
+type Compilation = (FileId, ShaderStage, Rc<Vec<(String, String)>>, Rc<str>);
 
 /// Adds the text of `live.glsl`, which shaders include, to the files; an equal text once.
 pub(super) fn add_live_glsl(files: &mut SourceMap, text: &str) -> FileId {
@@ -70,9 +72,9 @@ pub(super) struct Linker<'a> {
     pub declared: HashMap<ShaderId, Arc<BTreeSet<String>>>,
     /// Identifiers that each shader's compiled text depends on.
     pub reached: HashMap<ShaderId, Arc<BTreeSet<String>>>,
-    /// Shaders compiled so far, by file, stage, defines and `live.glsl`; the iterations of a repeat share them. `None`
-    /// after errors: a shader that crashes the compiler crashes it only once. Links can give one file two stages.
-    pub compiled: HashMap<(FileId, ShaderStage, Rc<Defines>, Rc<str>), Option<ShaderId>>,
+    /// Shaders compiled so far, which the iterations of a repeat share. `None` after errors: a shader that crashes the
+    /// compiler crashes it only once.
+    pub compiled: HashMap<Compilation, Option<ShaderId>>,
     /// Shader files found so far, by the graph that names them and the name in that graph.
     pub found: HashMap<(FileId, String), FileId>,
     pub errors: Vec<Diagnostic>,
