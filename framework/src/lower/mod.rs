@@ -22,8 +22,8 @@ mod results;
 mod scope;
 
 pub(crate) use lowered::{
-    Declaration, Extent, Lowered, LoweredBind, LoweredInclude, LoweredPass, LoweredPush, LoweredSize,
-    RemovedPass, RemovedUse, ShaderName, SkippedUse, Unswapped,
+    Declaration, Extent, Lowered, LoweredBind, LoweredPass, LoweredSize, RemovedPass, RemovedUse, ShaderName,
+    SkippedUse, Unswapped,
 };
 pub use params::parse_value;
 pub use results::no_output;
