@@ -330,7 +330,8 @@ fn pixels_that_are_black_in_a_mask_are_not_scored() {
     assert!(said.contains("expected the mask view-0008.png.png in masks, found none"), "{said}");
     // A full-size mask: an eighth of its sides is rounded to those of the photograph.
     masks("view-0008.png", Image::from_fn(8 * width + 3, 8 * height - 3, |_, _| [1.0; 3]));
-    let found = scored(&place, "--backend reference --masks masks");
+    let found = scored(&place, "--backend reference --masks masks -o scores");
+    assert_eq!(place.image("scores/differences/view-0000.png").at(0, 0), [0.0; 3], "the passer-by is not scored");
     let (masked, whole) = (&found["views"][0], &found["views"][1]);
     assert!(
         (masked["counted"].as_f64(), whole["counted"].as_f64()) == (Some(2.0 / 3.0), Some(1.0)),

@@ -99,10 +99,25 @@ impl Drawer {
     }
 }
 
+/// Makes a picture of the scored differences, times ten: of clamped colours, and black where a pixel does not count.
+fn scored_difference(drawn: &Image, photograph: &Image, mask: Option<&[bool]>) -> Image {
+    let clamped = |image: &Image| image.clone().clamped();
+    let mut difference = Image::difference(&clamped(drawn), &clamped(photograph), 10.0);
+    let pixels = difference.rgb.iter_mut().zip(mask.into_iter().flatten());
+    pixels.filter(|(_, counts)| !**counts).for_each(|(pixel, _)| *pixel = [0.0; 3]);
+    difference
+}
+
 /// Writes the pictures of a view to the folder of `--output`, if any.
-pub fn save(args: &Args, stem: &str, drawn: &Image, photograph: &Image) -> Result<()> {
+pub fn save(
+    args: &Args,
+    stem: &str,
+    drawn: &Image,
+    photograph: &Image,
+    mask: Option<&[bool]>,
+) -> Result<()> {
     let Some(output) = &args.output else { return Ok(()) };
-    let difference = Image::difference(drawn, photograph, 10.0);
+    let difference = scored_difference(drawn, photograph, mask);
     for (folder, image) in FOLDERS.into_iter().zip([drawn, photograph, &difference]) {
         image.save(&picture(output, folder, stem))?;
     }
@@ -154,4 +169,18 @@ pub fn as_json(mut request: Json, found: &Evaluation) -> String {
     request["missing"] = json!(found.missing);
     request["mean"] = json!(found.mean);
     format!("{request:#}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_difference_shows_only_what_is_scored() {
+        let image = |rgb: [[f32; 3]; 3]| Image { width: 3, height: 1, rgb: rgb.to_vec() };
+        let (drawn, photograph) = (image([[3.0; 3], [0.5; 3], [0.5; 3]]), image([[1.0; 3], [0.25; 3], [0.25; 3]]));
+        let found = scored_difference(&drawn, &photograph, Some(&[true, true, false]));
+        assert_eq!(found.rgb, [[0.0; 3], [2.5; 3], [0.0; 3]]);
+        assert_eq!(scored_difference(&drawn, &photograph, None).rgb, [[0.0; 3], [2.5; 3], [2.5; 3]]);
+    }
 }

@@ -49,7 +49,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
                 if blind::sees(scene, &in_scene) == Ok(false) {
                     blind.push(in_scene);
                 }
-                save(args, stem, &drawn, &photograph)?;
+                save(args, stem, &drawn, &photograph, mask.as_deref())?;
                 view.score(&drawn, &photograph, mask.as_deref())
             }
             Err(error) => Err(error),

@@ -103,7 +103,7 @@ impl job::Work for Views {
             let (camera, photograph, mask) = view.load(self.work.downscale, background)?;
             let drawn = drawer.draw(&camera, background)?;
             let score = view.score(&drawn, &photograph, mask.as_deref())?;
-            save(&self.args, stem, &drawn, &photograph)?;
+            save(&self.args, stem, &drawn, &photograph, mask.as_deref())?;
             job::write_part(&self.folder, stem, &Part { score, photograph: hash })?;
         }
         Ok(())

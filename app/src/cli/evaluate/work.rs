@@ -81,7 +81,7 @@ pub struct Args {
     /// Print JSON instead of a table, or write it to FILE beside the table
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     pub json: Option<PathBuf>,
-    /// Also write the pictures into DIR: renders/, photographs/ and differences/ (times ten)
+    /// Also write the pictures into DIR: renders/, photographs/ and differences/ (of what is scored, times ten)
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
     #[command(flatten)]
