@@ -164,6 +164,18 @@ fn cameras_are_moved_with_a_scene_and_a_dataset_that_lacks_a_file_is_told() {
 }
 
 #[test]
+fn a_scene_that_is_too_near_to_be_drawn_whole_is_told_with_its_scores() {
+    let place = photographed();
+    place.done("convert scene.ply small.ply --transform scale:0.04 -c views --write-cameras small.cameras.json");
+    let line = "-c small.cameras.json --photographs views/images --backend reference --json=scores.json";
+    let (_, errors) = place.said(&format!("evaluate small.ply {line}"));
+    assert!(errors.contains("2 of 2 cameras lose a large part of their picture, up to "), "{errors}");
+    assert!(errors.contains("0.2 units; enlarge the scene and its cameras"), "{errors}");
+    assert!(place.json("scores.json")["views"][0]["too_near"].as_u64() > Some(0));
+    assert!(scored(&place, "")["views"][0].get("too_near").is_none());
+}
+
+#[test]
 fn a_photograph_that_is_missing_damaged_or_of_another_shape_costs_no_other_view() {
     let place = photographed();
     let image = |view: u32| format!("views/images/view-000{view}.png");

@@ -141,16 +141,26 @@ fn cut_off(scene: &Scene, views: &[View]) -> Vec<(u64, f64)> {
     (0..scene.count()).into_par_iter().fold(none, add).reduce(none, sum)
 }
 
-/// Reports the views of which the near plane cuts off a noticeable part; `None` if there are none.
-pub fn cut(scene: &Scene, views: &[View]) -> Option<String> {
+/// Counts, for each view, the splats that the near plane cuts off; `None` unless they are a noticeable part of it.
+pub fn noticeable_cuts(scene: &Scene, views: &[View]) -> Vec<Option<u64>> {
     let is_noticed = |(splats, area): &(u64, f64)| {
         *splats as f64 > NOTICEABLE * f64::from(scene.count()) || *area >= NOTICEABLE_AREA
     };
-    let noticed: Vec<u64> =
-        cut_off(scene, views).into_iter().filter(is_noticed).map(|(splats, _)| splats).collect();
-    let (most, near) = (splats(*noticed.iter().max()?), too_near(&views.first()?.1));
-    let (count, of) = (noticed.len(), views.len());
+    let cut = cut_off(scene, views).into_iter();
+    cut.map(|cut| Some(cut).filter(is_noticed).map(|(splats, _)| splats)).collect()
+}
+
+/// Reports the views of which the near plane of `rules` cuts off a noticeable part; `None` if there are none. `cuts` are
+/// the [`noticeable_cuts`] of all views.
+pub fn cut_note(cuts: &[Option<u64>], rules: &Rules) -> Option<String> {
+    let (most, near) = (splats(cuts.iter().copied().flatten().max()?), too_near(rules));
+    let (count, of) = (cuts.iter().flatten().count(), cuts.len());
     Some(format!("{count} of {of} cameras lose a large part of their picture, up to {most}: they are {near}"))
+}
+
+/// Finds the views of which the near plane cuts off a noticeable part, and reports them as [`cut_note`] does.
+pub fn cut(scene: &Scene, views: &[View]) -> Option<String> {
+    cut_note(&noticeable_cuts(scene, views), &views.first()?.1)
 }
 
 /// Names the rules that left out splats whose centres are in the picture of a view without a splat. `None` if there are

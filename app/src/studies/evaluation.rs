@@ -1,10 +1,12 @@
 //! Scores pictures of a scene against photographs of the same views: PSNR, SSIM and FLIP, with their means.
 
+use crate::draw::blind;
 use crate::io::image::Image;
 use crate::io::output::one_line;
 use crate::io::report::text;
 use crate::studies::measurement::error::joint_psnr;
 use serde::{Deserialize, Serialize};
+use splatgraph_reference::Rules;
 use splatgraph_reference::metrics::flip::Seen;
 use splatgraph_reference::metrics::{self, MetricError, decibels};
 
@@ -30,6 +32,9 @@ pub struct Score {
     /// True if the photograph is grey and the picture is not, so its colours count as errors.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_grey: bool,
+    /// Number of splats that the near plane cuts off, if they are a noticeable part of the view.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub too_near: Option<u64>,
 }
 
 /// Means of the scores over all views. A mean is `None` if a view lacks the score or is missing, or without views.
@@ -95,6 +100,7 @@ pub fn score(
         flip: Seen::of_8_bits(photograph.into()).flip(&Seen::of_8_bits(picture.into()), mask),
         counted: mask.map(share),
         is_grey: is_grey(photograph) && !is_grey(picture),
+        too_near: None,
     })
 }
 
@@ -159,6 +165,13 @@ impl Evaluation {
         let photographs = if count == 1 { "photograph is" } else { "photographs are" };
         (count > 0)
             .then(|| format!("{count} {photographs} grey: the colours of the pictures count as errors"))
+    }
+
+    /// Reports views of which the near plane cuts off a noticeable part. `None` without such views.
+    pub fn near_note(&self) -> Option<String> {
+        let cuts: Vec<_> = self.views.iter().map(|view| view.too_near).collect();
+        // No parameter of a graph changes the near plane.
+        blind::cut_note(&cuts, &Rules::PUBLISHED)
     }
 
     /// Formats the scores as a table with a row per view and the mean below.

@@ -6,6 +6,7 @@ use crate::cli::options;
 use crate::cli::outcome::claim_graph_files;
 use crate::cli::render::Renderer;
 use crate::draw::backend::Backend;
+use crate::draw::blind;
 use crate::draw::fit;
 use crate::draw::outputs;
 use crate::draw::session::{FrameOptions, Session};
@@ -63,6 +64,17 @@ impl Drawer {
             Drawer::Reference(scene) => scene,
             Drawer::Device(session, _) => session.scene(),
         }
+    }
+
+    /// Counts the splats that the near plane cuts off, if they are a noticeable part of the view that was drawn last.
+    pub fn too_near(&self, camera: &Camera) -> Option<u64> {
+        let scene = self.scene();
+        let camera = camera.relative_to(scene.offset());
+        let rules = match self {
+            Drawer::Reference(_) => Rules::of_view(scene, &camera),
+            Drawer::Device(session, _) => blind::rules_of(session.plan(), scene, &camera),
+        };
+        blind::noticeable_cuts(scene, &[(&camera, rules)])[0]
     }
 
     /// Reports that one of several frames is scored. `None` if each view is drawn once, or if --repeat chose the frame.

@@ -14,7 +14,7 @@ use crate::draw::blind;
 use crate::io::output::names;
 use crate::io::output::{one_line, say};
 use crate::io::progress::Progress;
-use crate::studies::evaluation::Evaluation;
+use crate::studies::evaluation::{Evaluation, Score};
 use anyhow::Result;
 use drawer::{Drawer, ORIGIN, as_json, origin, request, save};
 use work::{FOLDERS, Work, picture};
@@ -50,7 +50,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
                     blind.push(in_scene);
                 }
                 save(args, stem, &drawn, &photograph, mask.as_deref())?;
-                view.score(&drawn, &photograph, mask.as_deref())
+                let score = view.score(&drawn, &photograph, mask.as_deref());
+                score.map(|score| Score { too_near: drawer.too_near(&camera), ..score })
             }
             Err(error) => Err(error),
         };
@@ -72,6 +73,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     others.iter().for_each(say);
     let found = Evaluation::new(scores, missing);
     found.grey_note().iter().for_each(say);
+    // If no camera sees a splat, the reason was given above.
+    found.near_note().iter().filter(|_| blind.len() < found.views.len()).for_each(say);
     // The table comes last, because standard output may be full or closed.
     if let Some(path) = &args.json {
         let mut request = request(args);

@@ -103,6 +103,7 @@ impl job::Work for Views {
             let (camera, photograph, mask) = view.load(self.work.downscale, background)?;
             let drawn = drawer.draw(&camera, background)?;
             let score = view.score(&drawn, &photograph, mask.as_deref())?;
+            let score = Score { too_near: drawer.too_near(&camera), ..score };
             save(&self.args, stem, &drawn, &photograph, mask.as_deref())?;
             job::write_part(&self.folder, stem, &Part { score, photograph: hash })?;
         }
@@ -175,6 +176,7 @@ pub fn merge(manifest: &Manifest, parts: Vec<Part>, missing: &[usize], output: &
     let missing = missing.iter().filter_map(|view| manifest.views.get(*view).cloned()).collect();
     let found = Evaluation::new(parts.into_iter().map(|part| part.score).collect(), missing);
     found.grey_note().iter().for_each(say);
+    found.near_note().iter().for_each(say);
     let request = origin.get(job::REQUEST).cloned().context("the origin of an evaluation")?;
     output::write_bytes(&output.join(SCORES), (as_json(request, &found) + "\n").as_bytes())?;
     options::print(found.table().trim_end())
