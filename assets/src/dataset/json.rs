@@ -10,7 +10,7 @@ use super::alignment::{Applied, Matrix};
 use super::colmap::{IDEAL, UNDISTORT, distorted_parameters};
 use super::error::{CameraError, MAX_CAMERAS};
 use super::photograph;
-use super::view::{CameraOptions, Dataset, FrameTiming, View};
+use super::view::{CameraOptions, Dataset, FrameTiming, TRAIN, View};
 use crate::camera::{Camera, Entry, distortion};
 use crate::composition::BYTE_ORDER_MARK;
 use crate::projection::Projection;
@@ -59,13 +59,17 @@ pub(super) fn parse(
                     "`projection`: expected {expected}, that of the `camera_model` {model}, found {found}"
                 ));
             }
+            let test = entry.other("test").and_then(Value::as_bool);
             let camera = Camera::try_from(entry)?;
             let (img_name, photograph) =
                 (photograph::stem(&camera.img_name).to_owned(), camera.img_name.clone());
-            Ok(View { camera: Camera { img_name, ..camera }, photograph, test: None })
+            Ok(View { camera: Camera { img_name, ..camera }, photograph, test })
         };
         let views = whole(text, List { reached: &reached, view, entry: PhantomData });
-        views.map(|views| (Dataset { views, ..Dataset::default() }, None))
+        views.map(|views| {
+            let split = views.iter().any(|view| view.test.is_some()).then_some("test");
+            (Dataset { views, split, ..Dataset::default() }, None)
+        })
     };
     parsed.map_err(|error| {
         // serde_json appends the line and column to its message.
@@ -173,8 +177,13 @@ struct Fields {
     transform_matrix: Option<Matrix>,
     applied_transform: Option<Matrix>,
     applied_scale: Option<f64>,
-    /// Photographs reserved for tests, in nerfstudio's files.
+    // Lists of photographs, in nerfstudio's files.
     test_filenames: Option<HashSet<PathBuf>>,
+    val_filenames: Option<HashSet<PathBuf>>,
+    train_filenames: Option<HashSet<PathBuf>>,
+    /// The list that determines the test views, with its name.
+    #[serde(skip)]
+    split: Option<(&'static str, HashSet<PathBuf>)>,
     // The fields of a `camera_path.json`; `fov` is vertical, in degrees.
     camera_type: Option<String>,
     render_width: Option<f64>,
@@ -196,6 +205,20 @@ impl Fields {
 
     fn has_focal(&self) -> bool {
         self.fl_x.or(self.fl_y).or(self.camera_angle_x).or(self.camera_angle_y).is_some()
+    }
+
+    /// Takes the list that determines the test views: the first that is not empty.
+    fn take_split(&mut self) -> Option<(&'static str, HashSet<PathBuf>)> {
+        let lists = [
+            ("test_filenames", self.test_filenames.take()),
+            ("val_filenames", self.val_filenames.take()),
+            (TRAIN, self.train_filenames.take()),
+        ];
+        let mut lists = lists.into_iter().filter_map(|(field, names)| Some((field, names?)));
+        let first = lists.next()?;
+        let (field, names) =
+            if first.1.is_empty() { lists.find(|(_, names)| !names.is_empty()).unwrap_or(first) } else { first };
+        Some((field, names.iter().map(|name| plain(name).to_owned()).collect()))
     }
 
     /// Converts a frame of a `camera_path.json`, which names no photograph, to one of a `transforms.json`. `file` has
@@ -343,7 +366,8 @@ fn view(
         principal_offset: Camera::offset_of(center, [width, height]),
         projection,
     };
-    let test = file.test_filenames.as_ref().map(|names| names.contains(plain(Path::new(photograph))));
+    let is_listed = |names: &HashSet<PathBuf>| names.contains(plain(Path::new(photograph)));
+    let test = file.split.as_ref().map(|(field, names)| is_listed(names) != (*field == TRAIN));
     Ok(View { camera, photograph: photograph.to_owned(), test })
 }
 
@@ -374,8 +398,7 @@ fn transforms(
             whole(text, Frames(List { reached, view, entry: PhantomData })).unwrap_or_default();
         }
     })?;
-    file.test_filenames =
-        file.test_filenames.map(|names| names.iter().map(|name| plain(name).to_owned()).collect());
+    file.split = file.take_split();
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
     // A lost photograph, missing or damaged, has the size of the first readable one. Before that one is found, its size
     // is unknown, so the frames are read again.
@@ -413,7 +436,8 @@ fn transforms(
         view.camera.id = id;
     }
     let is_path = file.is_path();
-    if let Some(mut names) = file.test_filenames {
+    if let Some((field, mut names)) = file.split {
+        dataset.split = Some(field);
         for view in &dataset.views {
             names.remove(plain(Path::new(&view.photograph)));
         }

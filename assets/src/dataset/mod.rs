@@ -21,7 +21,7 @@ mod view;
 
 use alignment::Applied;
 pub use error::{CameraError, MAX_CAMERA_BYTES};
-pub use view::{CameraOptions, Dataset, FrameTiming, View, unnamed};
+pub use view::{CameraOptions, Capture, Dataset, FrameTiming, NERFSTUDIO, View, unnamed};
 
 use crate::camera::Camera;
 use crate::file;
@@ -57,7 +57,29 @@ impl Dataset {
     /// # Errors
     /// The errors of [`Dataset::load`].
     pub fn load_with(path: &Path, options: CameraOptions) -> Result<Self, CameraError> {
-        Self::load_sized(path, options, None)
+        let mut dataset = Self::load_sized(path, options, None)?;
+        if options.nerfstudio_split && dataset.split.is_none() && !dataset.views.is_empty() {
+            dataset.split_as_nerfstudio();
+        }
+        Ok(dataset)
+    }
+
+    /// Chooses test views as nerfstudio does for a `transforms.json` without lists (`get_train_eval_split_fraction`):
+    /// those between nine tenths of the views, which are spread evenly.
+    fn split_as_nerfstudio(&mut self) {
+        const TRAIN_SHARE: f64 = 0.9;
+        let count = self.views.len();
+        let last = (TRAIN_SHARE * count as f64).ceil() as usize - 1;
+        // The rounding of `numpy.linspace`.
+        let step = count.saturating_sub(1) as f64 / last.max(1) as f64;
+        let mut train: HashSet<usize> = (0..last).map(|index| (index as f64 * step) as usize).collect();
+        train.insert(count - 1);
+        let mut order: Vec<usize> = (0..count).collect();
+        order.sort_by(|a, b| self.views[*a].photograph.cmp(&self.views[*b].photograph));
+        for (rank, index) in order.into_iter().enumerate() {
+            self.views[index].test = Some(!train.contains(&rank));
+        }
+        self.split = Some(NERFSTUDIO);
     }
 
     /// Reads a dataset as [`Dataset::load_with`] does. `fallback` is the size if no photograph can be read.
@@ -83,8 +105,8 @@ impl Dataset {
         })?;
         let (mut dataset, applied) = json::parse(&text, path, options, fallback)?;
         dataset.files.push(path.to_owned());
-        if let Some((file, applied)) = path.parent().and_then(alignment::beside).zip(applied) {
-            alignment::apply(&mut dataset, file, &applied)?;
+        if let Some((file, applied)) = path.parent().and_then(alignment::beside).zip(applied.as_ref()) {
+            alignment::apply(&mut dataset, file, applied)?;
         }
         // Blender's scenes have a file for each split.
         let test = match path.file_stem().and_then(|stem| stem.to_str()) {
@@ -93,6 +115,8 @@ impl Dataset {
             _ => None,
         };
         dataset.views.iter_mut().for_each(|view| view.test = view.test.or(test));
+        dataset.split = dataset.split.or(test.map(|_| "transforms_test"));
+        dataset.capture = applied.filter(|_| test.is_none()).map(|_| Capture::Frames);
         Ok(dataset)
     }
 
@@ -166,6 +190,7 @@ impl Dataset {
 
     fn load_colmap(folder: &Path, options: CameraOptions) -> Result<Self, CameraError> {
         let mut dataset = colmap::load(folder, options.ignore_distortion)?;
+        dataset.capture = Some(Capture::Colmap);
         let around = around_model(folder);
         dataset.photographs =
             around.iter().map(|around| around.join("images")).find(|images| images.is_dir());

@@ -22,6 +22,17 @@ pub struct CameraOptions<'a> {
     /// True to ignore the distortion of lenses, which is otherwise an error. The photographs then do not match the
     /// cameras.
     pub ignore_distortion: bool,
+    /// True to take the test views that nerfstudio chooses by default, if the dataset names none.
+    pub nerfstudio_split: bool,
+}
+
+/// A format of captures. Its cameras may be in another space than a scene that nerfstudio trained.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Capture {
+    /// A model of COLMAP.
+    Colmap,
+    /// A `transforms.json` that is not Blender's.
+    Frames,
 }
 
 /// The views of a capture.
@@ -40,7 +51,12 @@ pub struct Dataset {
     /// Folders of the other models of COLMAP's reconstruction, if the first one was found in `sparse/0` or `0`. COLMAP
     /// writes one model for each group of photographs that it cannot join.
     pub other_models: Vec<PathBuf>,
-    /// Names of test photographs in the dataset (`test_filenames`) that no view has.
+    /// Format of the capture; `None` for cameras in the space of the scene.
+    pub capture: Option<Capture>,
+    /// Source of the test views: a field (`test_filenames`; `val_filenames`, `train_filenames` without it; `test` of a
+    /// `cameras.json`), a file (`transforms_test`), or [`NERFSTUDIO`]. `None` if there is none.
+    pub split: Option<&'static str>,
+    /// Names of photographs in the list that [`Dataset::split`] names that no view has.
     pub unmatched: Vec<String>,
     /// Number of views that have the selected name, if there are several, and the index of the next one. The first is
     /// selected.
@@ -52,6 +68,12 @@ pub struct Dataset {
     /// The timing of the cameras, if they are the frames of a film, as in a `camera_path.json`.
     pub timing: Option<FrameTiming>,
 }
+
+/// [`Dataset::split`] of nerfstudio's default test views.
+pub const NERFSTUDIO: &str = "nerfstudio";
+
+/// Name of the list of photographs that are not test views.
+pub(super) const TRAIN: &str = "train_filenames";
 
 /// The timing of cameras that are the frames of a film, as far as the file contains it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -153,9 +153,9 @@ pub fn request(args: &Args) -> Json {
 
 /// Describes what the scores depend on besides the request.
 ///
-/// These are the program, the device, the graph that is drawn, and how photographs are made smaller. For the exact
-/// renderer, the device and the graph are null. The graph is also null if no view can be drawn.
-pub fn origin(drawer: &mut Drawer, downscaled: Option<&str>) -> Result<Json> {
+/// These are the program, the device, the graph that is drawn, how photographs are made smaller, and what the test views
+/// are. For the exact renderer, the device and the graph are null. The graph is also null if no view can be drawn.
+pub fn origin(drawer: &mut Drawer, downscaled: Option<&str>, split: &str) -> Result<Json> {
     let (device, plan) = match drawer {
         Drawer::Reference(_) => (None, None),
         Drawer::Device(session, _) => {
@@ -173,6 +173,7 @@ pub fn origin(drawer: &mut Drawer, downscaled: Option<&str>) -> Result<Json> {
         "based_on": plan.map(|plan| &plan.based_on),
         "parameters": parameters,
         "downscaled": downscaled,
+        "split": split,
     }))
 }
 

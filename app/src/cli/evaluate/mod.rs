@@ -32,9 +32,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         others.extend(FOLDERS.into_iter().filter_map(of));
     }
     let mut drawer = Drawer::open(args, &mut work, None)?;
-    work.tell_alignment(args, drawer.scene());
+    work.tell_training(args, drawer.scene());
     drawer.note().iter().for_each(say);
-    let Work { views, stems, downscale, downscaled, .. } = work;
+    let Work { views, stems, downscale, downscaled, split, .. } = work;
     let mut progress = Progress::new("scoring");
     let (mut scores, mut missing, mut blind) = (Vec::with_capacity(views.len()), Vec::new(), Vec::new());
     for (index, (view, stem)) in views.iter().zip(&stems).enumerate() {
@@ -78,7 +78,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     // The table comes last, because standard output may be full or closed.
     if let Some(path) = &args.json {
         let mut request = request(args);
-        request[ORIGIN] = origin(&mut drawer, downscaled.as_deref())?;
+        request[ORIGIN] = origin(&mut drawer, downscaled.as_deref(), split)?;
         options::write_text(Some(path), &(as_json(request, &found) + "\n"))?;
     }
     options::print_beside(args.json.as_deref(), &found.table())?;

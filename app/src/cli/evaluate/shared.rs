@@ -67,6 +67,7 @@ impl job::Work for Views {
             Drawer::Reference(scene) => scene.clone(),
             Drawer::Device(session, _) => session.shared_scene(),
         };
+        self.work.tell_training(&self.args, &scene);
         let views = self.work.views.iter();
         let cameras: Vec<_> = views.map(|view| view.camera.relative_to(scene.offset())).collect();
         let cameras = serde_json::to_value(cameras)?;
@@ -78,7 +79,7 @@ impl job::Work for Views {
         };
         self.scene = Some(scene);
         let mut request = request(&self.args);
-        request[ORIGIN] = drawer::origin(&mut drawer, self.work.downscaled.as_deref())?;
+        request[ORIGIN] = drawer::origin(&mut drawer, self.work.downscaled.as_deref(), self.work.split)?;
         let Args { backend, downscale, repeat, background, .. } = &self.args;
         origin.extend([
             ("--backend".into(), json!(backend.to_string())),

@@ -60,11 +60,58 @@ fn each_eighth_view_in_the_order_of_names_is_a_test() {
 }
 
 #[test]
+fn nerfstudio_holds_out_the_views_between_nine_tenths_of_them() {
+    // numpy.setdiff1d(range(n), numpy.linspace(0, n - 1, math.ceil(0.9 * n), dtype=int))
+    for (count, expected) in [
+        (1, vec![]),
+        (9, vec![]),
+        (10, vec![8]),
+        (16, vec![14]),
+        (30, vec![9, 19, 28]),
+        (100, vec![9, 19, 29, 39, 49, 59, 69, 79, 89, 98]),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let frame = |index: usize| {
+            // The list has another order than the names.
+            let name = (index + count / 2) % count;
+            format!(r#"{{"file_path": "{name:03}.png", "transform_matrix": [1,0,0,0, 0,1,0,0, 0,0,1,0]}}"#)
+        };
+        let frames: Vec<String> = (0..count).map(frame).collect();
+        let text = format!(r#"{{"w": 4, "h": 4, "fl_x": 4, "frames": [{}]}}"#, frames.join(","));
+        let path = folder.path().join("transforms.json");
+        std::fs::write(&path, text).unwrap();
+        let options = CameraOptions { nerfstudio_split: true, ..CameraOptions::default() };
+        let dataset = Dataset::load_with(&path, options).unwrap();
+        assert_eq!(dataset.split, Some(NERFSTUDIO));
+        let mut found: Vec<usize> =
+            dataset.test_views().iter().map(|view| view.camera.img_name.parse().unwrap()).collect();
+        found.sort_unstable();
+        assert_eq!(found, expected, "{count}");
+    }
+}
+
+#[test]
 fn test_names_are_paths_and_those_without_a_view_are_listed() {
     let tests = r#""test_filenames": ["./images//f.jpg", "images/lost.jpg", "images/gone.jpg"],"#;
     let dataset = Dataset::parse(&nerfstudio(tests, ""), Path::new("transforms.json")).unwrap();
     assert_eq!(dataset.views[0].test, Some(true));
     assert_eq!(dataset.unmatched, ["images/gone.jpg", "images/lost.jpg"]);
+    assert_eq!((dataset.split, dataset.capture), (Some("test_filenames"), None), "parsed, not loaded");
+}
+
+#[test]
+fn test_views_are_those_of_the_first_list_with_names() {
+    let [own, other] = [r#"["images/f.jpg"]"#, r#"["images/g.jpg"]"#];
+    for (lists, split, is_test) in [
+        (format!(r#""val_filenames": {own}, "train_filenames": {other},"#), "val_filenames", true),
+        (format!(r#""val_filenames": {own}, "test_filenames": {other},"#), "test_filenames", false),
+        (format!(r#""val_filenames": {own}, "test_filenames": [],"#), "val_filenames", true),
+        (format!(r#""train_filenames": {own},"#), "train_filenames", false),
+        (format!(r#""train_filenames": {other},"#), "train_filenames", true),
+    ] {
+        let dataset = Dataset::parse(&nerfstudio(&lists, ""), Path::new("transforms.json")).unwrap();
+        assert_eq!((dataset.split, dataset.views[0].test), (Some(split), Some(is_test)), "{lists}");
+    }
 }
 
 #[test]
