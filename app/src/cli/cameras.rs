@@ -3,9 +3,11 @@
 use super::outcome::Usage;
 use crate::draw::camera;
 use crate::draw::orbit;
-use crate::io::output::{OutputGuard, one_line, say, shell_word};
+use crate::io::output::{OutputGuard, is_standard_output, one_line, say, shell_word};
 use anyhow::{Result, bail};
-use splatgraph_assets::{Camera, CameraError, CameraOptions, Dataset, Projection, View};
+use serde_json::Value as Json;
+use splatgraph_assets::{Camera, CameraError, CameraOptions, Dataset, FrameTiming, Projection, View};
+use std::fmt::Display;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -203,6 +205,35 @@ pub fn tell_masks(dataset: &Dataset) {
             "masks (`mask_path`) are not read: all pixels are scored; --masks DIR scores only the pixels that its masks keep",
         );
     }
+}
+
+/// Converts a dataset to the JSON of a `cameras.json`, in which `test` is [`View::test`].
+pub fn as_json(dataset: &Dataset) -> serde_json::Result<Json> {
+    let entry = |view: &View| {
+        let mut entry = serde_json::to_value(&view.camera)?;
+        view.test.into_iter().for_each(|test| entry["test"] = test.into());
+        Ok(entry)
+    };
+    dataset.views.iter().map(entry).collect()
+}
+
+/// Tells the user what the `cameras.json` of a dataset lacks. `path` is its file.
+pub fn tell_lost(dataset: &Dataset, path: &Path) {
+    if let Some(FrameTiming { fps, is_cycle }) = dataset.timing {
+        tell_frames(path, fps, is_cycle);
+    }
+    if dataset.has_masks {
+        say(format!("{}: masks (`mask_path`) are not written: `evaluate --masks DIR` names their folder", path.display()));
+    }
+}
+
+/// Tells the user how `video` draws the cameras of a `cameras.json` as the frames of a film.
+pub fn tell_frames(path: &Path, fps: Option<impl Display>, is_cycle: bool) {
+    let file = path.display();
+    let word = if is_standard_output(path) { "FILE".into() } else { shell_word(&file.to_string()) };
+    let fps = fps.map_or_else(String::new, |fps| format!(" --fps {fps}"));
+    let closed = if is_cycle { " --closed" } else { "" };
+    say(format!("{file}: the times of the frames are not written: `video -c {word} --cameras-as frames{fps}{closed}` keeps them"));
 }
 
 /// Registers the files of a dataset, given as in [`parse`], and its photographs as inputs. Does nothing for JSON text,

@@ -3,6 +3,7 @@
 mod edit;
 mod price;
 
+use super::cameras;
 use super::loading;
 use super::options;
 use super::outcome::{Outcome, Usage};
@@ -135,7 +136,13 @@ fn check_extension(output: &Path, format: SceneFormat) -> Result<(), Usage> {
 pub fn run(args: &Args) -> Result<Outcome> {
     let output = check_files(args)?;
     let cameras = match &args.write_cameras {
-        Some(path) => Some((path, args.edit.moved(args.price.cameras()?)?)),
+        Some(path) => {
+            let mut dataset = args.price.dataset()?;
+            let cameras = dataset.views.iter().map(|view| view.camera.clone()).collect();
+            let moved = args.edit.moved(cameras)?;
+            dataset.views.iter_mut().zip(moved).for_each(|(view, camera)| view.camera = camera);
+            Some((path, dataset))
+        }
         None => None,
     };
     let loaded = loading::load_scene(&args.input, &args.load.clone().into())?;
@@ -192,9 +199,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
         args.spz_version.map(|version| if version == 3 { SpzVersion::V3 } else { SpzVersion::default() });
     let bytes = scene_file::write(&scene, format, version, &tell, output)?;
     drop(progress);
-    if let Some((path, cameras)) = &cameras {
-        options::write_json(path, &serde_json::to_value(cameras)?)?;
-        let cameras: Vec<_> = cameras.iter().map(|camera| camera.relative_to(scene.offset())).collect();
+    if let Some((path, dataset)) = &cameras {
+        options::write_json(path, &cameras::as_json(dataset)?)?;
+        cameras::tell_lost(dataset, path);
+        let cameras: Vec<_> =
+            dataset.views.iter().map(|view| view.camera.relative_to(scene.offset())).collect();
         let views: Vec<_> = cameras.iter().map(|camera| (camera, Rules::of_view(&scene, camera))).collect();
         blind::cut(&scene, &views).iter().for_each(say);
     } else if let Some(file) = camera::beside(&args.input) {

@@ -11,7 +11,7 @@ use crate::io::report::text;
 use crate::studies::price::{self, Found, Price};
 use anyhow::{Error, Result};
 use serde_json::{Value as Json, json};
-use splatgraph_assets::{Camera, Scene, SceneFormat, grouped};
+use splatgraph_assets::{Camera, CameraError, Dataset, Scene, SceneFormat, grouped};
 use std::path::{Path, PathBuf};
 
 /// Options of `--price`.
@@ -55,12 +55,10 @@ impl PriceArgs {
         self.json.as_ref().map_or(Ok(()), |path| Ok(guard.output("--json", path)?))
     }
 
-    /// Reads the cameras of `--cameras`; empty without it.
-    pub(super) fn cameras(&self) -> Result<Vec<Camera>> {
-        Ok(self
-            .cameras
-            .as_deref()
-            .map_or_else(|| Ok(Vec::new()), |spec| cameras::parse(spec, self.ignore_distortion))?)
+    /// Reads the dataset of `--cameras`; empty without it.
+    pub(super) fn dataset(&self) -> Result<Dataset, CameraError> {
+        let spec = self.cameras.as_deref();
+        spec.map_or_else(|| Ok(Dataset::default()), |spec| cameras::read(spec, self.ignore_distortion))
     }
 
     /// Returns true if `--cameras` names all cameras of this file.

@@ -515,6 +515,7 @@ impl Job<'_> {
                 path.display()
             ));
         }
+        cameras::tell_frames(path, Some(self.rate), self.args.closed);
         options::write_cameras(path, &(0..self.film.frames).filter_map(named).collect::<Vec<_>>(), scene)
     }
 
