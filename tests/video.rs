@@ -114,6 +114,8 @@ fn the_cameras_of_a_path_file_are_the_frames_with_its_rate_and_its_holds() {
         told.contains("the 5 cameras are the frames of a film, 25 per second; --cameras-as keys"),
         "{told}"
     );
+    let again = "film.json: the times of the frames are not written: `video -c film.json --cameras-as frames --fps 25`";
+    assert!(told.contains(again), "{told}");
     place.done("render scene.ply -c camera_path.json -p splat -o stills/");
     for frame in 0..5 {
         let film = place.bytes(&format!("film/{frame:05}.png"));
@@ -136,6 +138,14 @@ fn the_cameras_of_a_path_file_are_the_frames_with_its_rate_and_its_holds() {
     let out =
         place.done("video scene.ply -c cameras.json --cameras-as frames --size 48x27 --fps 4 -o four.y4m");
     assert!(out.starts_with("four.y4m: 4 frames of 48 x 27, 1.0 s at 4 fps"), "{out}");
+    let white = json!({"r": 255, "g": 255, "b": 255});
+    let crop = json!({"crop_center": [0, 0, 0], "crop_scale": [2, 2, 1], "crop_rot": [0, 0, 0], "crop_bg_color": white});
+    let cropped = json!({"render_width": 48, "render_height": 32, "camera_path": poses, "crop": crop});
+    place.write("cropped.json", cropped.to_string());
+    let (_, told) = place.said("video scene.ply -c cropped.json -p splat -o cropped");
+    let sides = "x > -1 && x < 1 && y > -1 && y < 1 && z > -0.5 && z < 0.5";
+    let options = format!("the crop is not read: `--where '{sides}' --background 1,1,1` is the same");
+    assert!(told.contains(&options), "{told}");
     place.edit("camera_path.json", "25.0", "0.0");
     let rate = "expected cameras with 0.1 to 1000 frames per second, found 0; --fps chooses another rate";
     place.refuses(film, &[("other", 2, rate)]);

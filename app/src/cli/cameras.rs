@@ -6,7 +6,7 @@ use crate::draw::orbit;
 use crate::io::output::{OutputGuard, is_standard_output, one_line, say, shell_word};
 use anyhow::{Result, bail};
 use serde_json::Value as Json;
-use splatgraph_assets::{Camera, CameraError, CameraOptions, Dataset, FrameTiming, Projection, View};
+use splatgraph_assets::{Camera, CameraError, CameraOptions, Crop, Dataset, FrameTiming, Projection, View};
 use std::fmt::Display;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -130,7 +130,29 @@ pub fn read(spec: &str, ignore_distortion: bool) -> Result<Dataset, CameraError>
     if dataset.has_animation {
         say("the animation of the cameras is not read: each is drawn where its node is without it");
     }
+    dataset.crop.iter().map(crop_options).for_each(|options| say(format!("the crop is not read: `{options}` is the same")));
     Ok(dataset)
+}
+
+/// Formats the options that crop a scene.
+fn crop_options(crop: &Crop) -> String {
+    // Rounding hides the errors of the rotation.
+    let rounded = |v: f64| (v * 1e9).round() / 1e9 + 0.0;
+    let side = |(axis, length): (&[f64; 3], f64)| {
+        let term = |(v, name): (&f64, &str)| match rounded(*v) {
+            0.0 => None,
+            1.0 => Some(name.to_owned()),
+            v => Some(format!("{v}*{name}")),
+        };
+        let terms: Vec<String> = axis.iter().zip(["x", "y", "z"]).filter_map(term).collect();
+        let middle: f64 = axis.iter().zip(crop.center).map(|(a, b)| a * b).sum();
+        let [low, high] = [-0.5, 0.5].map(|half| rounded(middle + half * length));
+        let along = terms.join(" + ");
+        format!("{along} > {low} && {along} < {high}")
+    };
+    let sides: Vec<String> = crop.axes.iter().zip(crop.size).map(side).collect();
+    let [red, green, blue] = crop.background.map(|v| rounded(v) as f32);
+    format!("--where '{}' --background {red},{green},{blue}", sides.join(" && "))
 }
 
 /// Tells the user how a dataset was read: which file moved the cameras, and which of COLMAP's models are not read. Also
@@ -328,6 +350,17 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("[1].json");
         assert!(!is_json(&file.to_string_lossy()));
+    }
+
+    #[test]
+    fn a_crop_is_a_condition_and_a_background() {
+        let axes = [[0.8, 0.6, 0.0], [-0.6, 0.8, 1e-17], [0.0, 0.0, 1.0]];
+        let crop = Crop { center: [1.0, 2.0, 0.5], axes, size: [2.0, 1.0, 4.0], background: [1.0, 0.2, 0.0] };
+        let options = crop_options(&crop);
+        let sides = "0.8*x + 0.6*y > 1 && 0.8*x + 0.6*y < 3 && -0.6*x + 0.8*y > 0.5 && -0.6*x + 0.8*y < 1.5 \
+                     && z > -1.5 && z < 2.5";
+        assert_eq!(options, format!("--where '{sides}' --background 1,0.2,0"));
+        assert!(sides.parse::<crate::io::condition::Condition>().is_ok());
     }
 
     proptest! {

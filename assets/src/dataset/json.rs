@@ -10,10 +10,11 @@ use super::alignment::{Applied, Matrix};
 use super::colmap::{IDEAL, UNDISTORT, distorted_parameters};
 use super::error::{CameraError, MAX_CAMERAS};
 use super::photograph;
-use super::view::{CameraOptions, Dataset, FrameTiming, TRAIN, View};
+use super::view::{CameraOptions, Crop, Dataset, FrameTiming, TRAIN, View};
 use crate::camera::{Camera, Entry, distortion};
 use crate::composition::BYTE_ORDER_MARK;
 use crate::projection::Projection;
+use glam::{DMat3, EulerRot};
 use serde::Deserialize;
 use serde::de::{DeserializeSeed, Error as _, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde_json::{Map, Value};
@@ -445,9 +446,10 @@ fn transforms(
         dataset.unmatched.sort();
     }
     let timing = is_path.then(|| FrameTiming {
-        fps: file.others.get("fps").and_then(Value::as_f64),
+        fps: path_rate(&file.others, dataset.views.len()),
         is_cycle: file.others.get("is_cycle").and_then(Value::as_bool).unwrap_or_default(),
     });
+    let crop = file.others.get("crop").filter(|_| is_path).and_then(crop);
     // A path is in the space of the scene.
     let applied = (!is_path).then_some(Applied {
         // nerfstudio assumes this one for files of COLMAP's poses that were written before the field existed.
@@ -457,7 +459,30 @@ fn transforms(
         }),
         scale: file.applied_scale,
     });
-    Ok((Dataset { photographs: Some(folder), timing, ..dataset }, applied))
+    Ok((Dataset { photographs: Some(folder), timing, crop, ..dataset }, applied))
+}
+
+/// Returns the frames per second of a `camera_path.json` with `count` frames. nerfstudio plays them in `seconds`, which
+/// its viewer writes rounded to whole frames of `fps`.
+fn path_rate(fields: &Map<String, Value>, count: usize) -> Option<f64> {
+    let number = |name: &str| fields.get(name).and_then(Value::as_f64);
+    let (fps, seconds) = (number("fps"), number("seconds").filter(|seconds| *seconds > 0.0));
+    let is_other = |seconds: &f64| fps.is_none_or(|fps| (fps * seconds - count as f64).abs() > 1.0);
+    seconds.filter(is_other).map(|seconds| count as f64 / seconds).or(fps)
+}
+
+/// Reads the crop of a `camera_path.json`: see `get_crop_from_json` and `OrientedBox` of nerfstudio. `None` if it is
+/// malformed.
+fn crop(value: &Value) -> Option<Crop> {
+    let numbers = |name: &str| <[f64; 3]>::deserialize(value.get(name)?).ok();
+    let [roll, pitch, yaw] = if value.get("crop_rot").is_some() { numbers("crop_rot")? } else { [0.0; 3] };
+    let channel = |name: &str| Some(value.get("crop_bg_color")?.get(name)?.as_f64()? / 255.0);
+    Some(Crop {
+        center: numbers("crop_center")?,
+        axes: DMat3::from_euler(EulerRot::ZYX, yaw, pitch, roll).to_cols_array_2d(),
+        size: numbers("crop_scale")?,
+        background: [channel("r")?, channel("g")?, channel("b")?],
+    })
 }
 
 struct Frames<'a, T, F>(List<'a, T, F>);

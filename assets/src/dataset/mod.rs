@@ -21,7 +21,7 @@ mod view;
 
 use alignment::Applied;
 pub use error::{CameraError, MAX_CAMERA_BYTES};
-pub use view::{CameraOptions, Capture, Dataset, FrameTiming, NERFSTUDIO, View, unnamed};
+pub use view::{CameraOptions, Capture, Crop, Dataset, FrameTiming, NERFSTUDIO, View, unnamed};
 
 use crate::camera::Camera;
 use crate::file;

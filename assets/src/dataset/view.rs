@@ -67,6 +67,21 @@ pub struct Dataset {
     pub has_animation: bool,
     /// The timing of the cameras, if they are the frames of a film, as in a `camera_path.json`.
     pub timing: Option<FrameTiming>,
+    /// The part of the scene that a `camera_path.json` shows.
+    pub crop: Option<Crop>,
+}
+
+/// A box to which nerfstudio's viewer crops a scene, and the colour behind it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crop {
+    /// Middle of the box, in world coordinates.
+    pub center: [f64; 3],
+    /// Directions of the box's edges, of length 1.
+    pub axes: [[f64; 3]; 3],
+    /// Lengths of the box's edges.
+    pub size: [f64; 3],
+    /// Colour of the background, display-encoded: 0 is black, 1 is white.
+    pub background: [f64; 3],
 }
 
 /// [`Dataset::split`] of nerfstudio's default test views.

@@ -80,6 +80,37 @@ fn transforms_show_a_known_point_at_its_pixel_and_a_frame_has_the_last_word() {
 }
 
 #[test]
+fn the_crop_and_the_seconds_of_a_path_are_read() {
+    let frame = format!("{{\"camera_to_world\": {MATRIX}, \"fov\": 50}}");
+    let path = |fields: &str| {
+        let text = format!(
+            "{{\"render_height\": 80, \"render_width\": 100, {fields} \"camera_path\": [{frame}, {frame}, {frame}]}}"
+        );
+        Dataset::parse(&text, Path::new("camera_path.json")).unwrap()
+    };
+    let fps = |fields: &str| path(fields).timing.unwrap().fps;
+    assert_eq!(fps("\"fps\": 24, \"seconds\": 0.125,"), Some(24.0));
+    assert_eq!(fps("\"fps\": 24, \"seconds\": 0.16,"), Some(24.0), "3.84 frames are rounded");
+    assert_eq!(fps("\"fps\": 24, \"seconds\": 0.5,"), Some(6.0), "nerfstudio plays all frames in this time");
+    assert_eq!((fps("\"seconds\": 1.5,"), fps("\"fps\": 24, \"seconds\": 0,")), (Some(2.0), Some(24.0)));
+
+    let color = "\"crop_bg_color\": {\"r\": 255, \"g\": 0, \"b\": 51}";
+    let place = "\"crop_center\": [1, 2, 3], \"crop_scale\": [2, 4, 6]";
+    // The angles are those of Rz(yaw) Ry(pitch) Rx(roll).
+    let turned = format!("\"crop\": {{{place}, \"crop_rot\": [0.3, {0}, {0}], {color}}},", 0.5 * std::f64::consts::PI);
+    let crop = path(&turned).crop.unwrap();
+    assert_eq!((crop.center, crop.size), ([1.0, 2.0, 3.0], [2.0, 4.0, 6.0]));
+    assert_eq!(crop.background, [1.0, 0.0, 0.2]);
+    let (sin, cos) = 0.3f64.sin_cos();
+    for (axis, expected) in crop.axes.iter().zip([[0.0, 0.0, -1.0], [-cos, sin, 0.0], [sin, cos, 0.0]]) {
+        assert!(axis.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{:?}", crop.axes);
+    }
+    let straight = path(&format!("\"crop\": {{{place}, {color}}},")).crop.unwrap();
+    assert_eq!(straight.axes, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+    assert_eq!((path("\"crop\": null,").crop, path("").crop), (None, None));
+}
+
+#[test]
 fn a_path_of_nerfstudio_and_a_matrix_of_three_rows_show_the_known_point() {
     let path = |kind: &str, pose: &str| {
         let text = format!(
