@@ -100,7 +100,8 @@ pub fn direction(text: &str) -> Result<[f64; 3], String> {
     };
     let sign = if text.starts_with('-') { -1.0 } else { 1.0 };
     let has_length = |v: &[f64; 3]| DVec3::from(*v).try_normalize().is_some();
-    let found = axis.map(|axis| axis.map(|v| sign * v)).or_else(|| point(text).ok().filter(has_length));
+    // `+ 0.0` avoids "-0", also in the tags of files.
+    let found = axis.map(|axis| axis.map(|v| sign * v + 0.0)).or_else(|| point(text).ok().filter(has_length));
     found.ok_or_else(|| "expected an axis such as z or -y, or three numbers that are not all 0".into())
 }
 
@@ -537,6 +538,7 @@ mod tests {
             ["-y", "+z", "x"].map(|axis| direction(axis).unwrap()),
             [[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
         );
+        assert_eq!(format!("{:?}", direction("-y")), "Ok([0.0, -1.0, 0.0])");
         for none in ["0,0,0", "1e-320,0,0", "1,2", "w"] {
             let said = parse(&format!("--up {none}")).unwrap_err();
             assert!(said.contains("or three numbers that are not all 0"), "{said}");

@@ -9,7 +9,7 @@ use crate::draw::splat_set::SplatSet;
 use crate::io::losses::Original;
 use crate::io::output::{self, OutputGuard};
 use crate::io::scene_file;
-use splatgraph_assets::{FileNotes, Scene};
+use splatgraph_assets::Scene;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -82,8 +82,9 @@ impl Exporter {
                     return Ok(written(text.len() as u64, Vec::new(), Vec::new()));
                 };
                 let mut part = scene.picked(&splats.indices()).map_err(|error| error.to_string())?;
-                if up.is_some_and(|up| up != scene.up()) {
-                    let notes = FileNotes { up, ..part.notes() };
+                let mut notes = part.notes();
+                if up.is_some_and(|up| up != scene.up() || notes.mixed.up) {
+                    (notes.up, notes.mixed.up) = (up, false);
                     part = part.with_notes(notes);
                 }
                 let progress = |done: u64, of: u64| {
@@ -177,6 +178,27 @@ mod tests {
                 panic!("{name} is not written")
             };
             assert_eq!(tags, expected);
+        }
+    }
+
+    #[test]
+    fn a_chosen_up_direction_replaces_those_in_which_merged_scenes_differ() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = synth::generate("uniform", 20, 0).unwrap();
+        let mut notes = scene.notes();
+        notes.mixed.up = true;
+        let scene = Arc::new(scene.with_notes(notes));
+        let mut exporter = exporter();
+        let mut written = |up: Option<[f64; 3]>, name: &str| {
+            let all = Arc::new(SplatSet::first(20));
+            exporter.start(scene.clone(), all, up, &folder.path().join(name)).unwrap();
+            let Some((_, Ok(Written { tags, lost, .. }))) = exporter.wait() else { panic!("{name}") };
+            (tags, lost.into_iter().filter(|lost| lost.starts_with("tags in which")).count())
+        };
+        assert_eq!(written(None, "none.ply"), (vec![], 1));
+        // The direction of scenes without a tag, too.
+        for (up, tag) in [([1.0, 0.0, 0.0], "up 1,0,0"), ([0.0, -1.0, 0.0], "up 0,-1,0")] {
+            assert_eq!(written(Some(up), &format!("{tag}.ply")), (vec![tag.to_owned()], 0));
         }
     }
 
