@@ -26,7 +26,8 @@ pub(super) fn stem(photograph: &str) -> &str {
     }
 }
 
-/// Finds the file of a photograph. Its extension may be missing in `name`, or differ.
+/// Finds the file of a photograph. Its extension may be missing in `name`, or differ. The name may begin with the name
+/// of `folder`: `images/a.png` may be `a.png` in `images`.
 ///
 /// A dataset can come from a stranger, so its names may lead only into `folder` and its parent. The parent is common in
 /// a `transforms.json`: `../images/a.png`.
@@ -42,10 +43,16 @@ pub(super) fn find(folder: &Path, name: &str) -> Result<PathBuf> {
         );
         return Err(Error::new(ErrorKind::InvalidInput, text));
     }
-    let added = EXTENSIONS.iter().map(|extension| folder.join(format!("{name}.{extension}")));
-    let replaced = EXTENSIONS.iter().map(|extension| folder.join(format!("{}.{extension}", stem(name))));
-    let found = [named.clone()].into_iter().chain(added).chain(replaced).find(|path| path.is_file());
-    found.ok_or_else(|| {
+    let find = |name: &str| {
+        let added = EXTENSIONS.iter().map(|extension| folder.join(format!("{name}.{extension}")));
+        let replaced = EXTENSIONS.iter().map(|extension| folder.join(format!("{}.{extension}", stem(name))));
+        [folder.join(name)].into_iter().chain(added).chain(replaced).find(|path| path.is_file())
+    };
+    let below = || {
+        let (first, rest) = name.strip_prefix("./").unwrap_or(name).split_once('/')?;
+        find(rest).filter(|_| folder.ends_with(first))
+    };
+    find(name).or_else(below).ok_or_else(|| {
         let text = format!("expected the photograph {}, found none", named.display());
         Error::new(ErrorKind::NotFound, text)
     })

@@ -16,6 +16,8 @@ fn names_of_photographs_lead_no_further_than_the_folder_around_the_dataset() {
     };
     assert_eq!(found(&dataset, "./inner/./b"), "b.png");
     assert_eq!(found(&dataset, "../top.png"), "top.png");
+    assert_eq!(found(&inner, "inner/b.png"), "b.png", "the folder may be part of the name");
+    says(found(&inner, "other/b.png"), "expected the photograph ");
     assert_eq!(found(&inner, "../a.png"), "a.png");
     let absolute = inner.join("b.png").display().to_string();
     assert_eq!(found(&dataset, &absolute), "b.png");
