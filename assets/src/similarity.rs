@@ -43,9 +43,12 @@ impl Similarity {
     /// Range of the scales that a file may have.
     pub(crate) const SCALES: RangeInclusive<f64> = 1e-9..=1e9;
 
-    /// Decomposes a matrix. Fails with a message if it skews, mirrors or projects, or if its numbers are out of range,
-    /// such as a scale of 0.
-    pub(crate) fn of_matrix(matrix: DMat4) -> Result<Self, String> {
+    /// Decomposes a matrix.
+    ///
+    /// # Errors
+    /// The matrix skews, mirrors or projects, or its numbers are out of range, such as a scale of 0. The error is a
+    /// message.
+    pub fn of_matrix(matrix: DMat4) -> Result<Self, String> {
         const SKEWED: &str = "expected a rotation, a uniform scale and a translation, found a matrix that skews, mirrors or projects";
         if matrix == DMat4::IDENTITY {
             return Ok(Self::IDENTITY);

@@ -9,7 +9,7 @@ use crate::io::load::FileOptions;
 use crate::io::losses::{self, Original};
 use crate::io::output::{one_line, say};
 use anyhow::{Result, bail};
-use glam::{DQuat, DVec3};
+use glam::{DMat4, DQuat, DVec3, DVec4};
 use splatgraph_assets::{Camera, Filter, Scene, Similarity};
 use std::path::PathBuf;
 
@@ -30,8 +30,8 @@ pub struct EditArgs {
     /// Remove the splats of a selection that the viewer wrote (.json)
     #[arg(long, value_name = "FILE.json")]
     remove: Option<PathBuf>,
-    /// Transform the scene: `scale:S`, `rotate:X,Y,Z,DEGREES` (about an axis through the origin) or `move:X,Y,Z`; may
-    /// be repeated. The cameras of --price and --write-cameras move with it. Splats at a depth of at most 0.2 units are
+    /// Transform the scene: `scale:S`, `rotate:X,Y,Z,DEGREES` (about an axis through the origin), `move:X,Y,Z`, or
+    /// `matrix:` and the 12 numbers of three rows, whose last is the translation; may be repeated. The cameras of --price and --write-cameras move with it. Splats at a depth of at most 0.2 units are
     /// not drawn, so enlarge small scenes
     #[arg(long, value_name = "KIND:NUMBERS", value_parser = transform)]
     transform: Vec<Similarity>,
@@ -89,7 +89,12 @@ fn tag(text: &str) -> Result<Tag, String> {
 }
 
 fn transform(text: &str) -> Result<Similarity, String> {
-    let kinds = [("scale", 1, "scale:0.5"), ("rotate", 4, "rotate:1,0,0,90"), ("move", 3, "move:0,-1.5,0")];
+    let kinds = [
+        ("scale", 1, "scale:0.5"),
+        ("rotate", 4, "rotate:1,0,0,90"),
+        ("move", 3, "move:0,-1.5,0"),
+        ("matrix", 12, "matrix:2,0,0,5,0,2,0,0,0,0,2,0"),
+    ];
     if let Some(factors) = text.strip_prefix("scale:").filter(|factors| factors.contains(',')) {
         let found = factors.split(',').count();
         return Err(format!(
@@ -112,6 +117,10 @@ fn transform(text: &str) -> Result<Similarity, String> {
             })
         }
         ("move", &[x, y, z]) => Ok(Similarity { translation: DVec3::new(x, y, z), ..Similarity::IDENTITY }),
+        ("matrix", rows) => {
+            let [x, y, z] = [0, 4, 8].map(|row| DVec4::from_slice(&rows[row..]));
+            Similarity::of_matrix(DMat4::from_cols(x, y, z, DVec4::W).transpose())
+        }
         (_, &[scale]) if (1e-9..=1e9).contains(&scale) => Ok(Similarity { scale, ..Similarity::IDENTITY }),
         _ => Err("expected a factor of 1e-9 to 1e9".into()),
     }
@@ -382,6 +391,8 @@ mod tests {
         assert!(
             (a - (1.0 - 2.0 * y)).abs() < 1e-5 && (b - 2.0 * x).abs() < 1e-5 && (c - 2.0 * z).abs() < 1e-5
         );
+        let at_once = edit(&["--transform", "matrix:0,-2,0,1,2,0,0,0,0,0,2,0"]).unwrap();
+        assert!([a, b, c].iter().zip(at_once.positions()[3]).all(|(a, b)| (a - b).abs() < 1e-5));
     }
 
     #[test]
@@ -424,6 +435,10 @@ mod tests {
             "no turn, for instance in a loop over angles"
         );
         assert!(said(&["--transform", "scale:1,1,-1"]).contains("expected one factor for all axes, found 3"));
+        let skewed = "expected a rotation, a uniform scale and a translation, found a matrix that skews, mirrors";
+        for rows in ["1,1,0,0,0,1,0,0,0,0,1,0", "-1,0,0,0,0,1,0,0,0,0,1,0"] {
+            assert!(said(&["--transform", &format!("matrix:{rows}")]).contains(skewed));
+        }
         assert!(said(&["--transform", "scale:-1"]).contains("expected a factor of 1e-9 to 1e9"));
     }
 }
