@@ -166,7 +166,9 @@ fn cameras_are_moved_with_a_scene_and_a_dataset_that_lacks_a_file_is_told() {
 #[test]
 fn a_scene_that_is_too_near_to_be_drawn_whole_is_told_with_its_scores() {
     let place = photographed();
-    place.done("convert scene.ply small.ply --transform scale:0.04 -c views --write-cameras small.cameras.json");
+    place.done(
+        "convert scene.ply small.ply --transform scale:0.04 -c views --write-cameras small.cameras.json",
+    );
     let line = "-c small.cameras.json --photographs views/images --backend reference --json=scores.json";
     let (_, errors) = place.said(&format!("evaluate small.ply {line}"));
     assert!(errors.contains("2 of 2 cameras lose a large part of their picture, up to "), "{errors}");
@@ -187,7 +189,9 @@ fn transforms(place: &Place, count: usize, fields: &str) {
     let frames: Vec<Value> = cameras[..count].iter().map(frame).collect();
     let Camera { width, height, fx, fy, .. } = cameras[0];
     let frames = serde_json::to_string(&frames).expect("JSON");
-    let text = format!(r#"{{"w": {width}, "h": {height}, "fl_x": {fx}, "fl_y": {fy}, {fields} "frames": {frames}}}"#);
+    let text = format!(
+        r#"{{"w": {width}, "h": {height}, "fl_x": {fx}, "fl_y": {fy}, {fields} "frames": {frames}}}"#
+    );
     place.write("views/transforms.json", text);
 }
 
@@ -202,7 +206,8 @@ fn the_test_views_of_nerfstudio_are_scored_and_stay_test_views_of_a_written_file
     let scored = |more: &str| {
         let (_, errors) = place.said(&format!("{line} {more}"));
         let found = place.json("scores.json");
-        let name = |view: &Value| view["view"].as_str().unwrap().replace("images/view-00", "").replace(".png", "");
+        let name =
+            |view: &Value| view["view"].as_str().unwrap().replace("images/view-00", "").replace(".png", "");
         let names: Vec<String> = found["views"].as_array().unwrap().iter().map(name).collect();
         (errors, names.join(" "), found["origin"]["split"].as_str().unwrap().to_owned())
     };
@@ -211,7 +216,10 @@ fn the_test_views_of_nerfstudio_are_scored_and_stay_test_views_of_a_written_file
     assert_eq!((names.as_str(), split.as_str()), ("00 08", "every-8th"));
     assert!(errors.contains("`--split nerfstudio` scores those that it holds out by default"), "{errors}");
     assert!(errors.contains("copy the dataparser_transforms.json"), "{errors}");
-    assert!(!errors.contains("off the middle"), "nerfstudio trains with the file's principal point: {errors}");
+    assert!(
+        !errors.contains("off the middle"),
+        "nerfstudio trains with the file's principal point: {errors}"
+    );
     let (errors, names, split) = scored("--split nerfstudio");
     assert_eq!((names.as_str(), split.as_str()), ("10", "nerfstudio"));
     assert!(errors.contains("scored: the views that nerfstudio holds out by default, 1 of 12"), "{errors}");
@@ -226,13 +234,18 @@ fn the_test_views_of_nerfstudio_are_scored_and_stay_test_views_of_a_written_file
     assert!(errors.contains("scored: `val_filenames`, as there is no `test_filenames`, 1 of 2"), "{errors}");
     let named = "expected a dataset that names no test views with --split, found `val_filenames`";
     place.refuses(line, &[("--split nerfstudio", 2, named)]);
-    let convert = "convert scene.ply moved.ply --transform scale:2 -c views/transforms.json --write-cameras moved.json";
+    let convert =
+        "convert scene.ply moved.ply --transform scale:2 -c views/transforms.json --write-cameras moved.json";
     let (_, errors) = place.said(convert);
     assert!(errors.contains("moved.json: masks (`mask_path`) are not written"), "{errors}");
-    let (_, moved) = place.said("evaluate moved.ply -c moved.json --photographs views --json=moved_scores.json");
+    let (_, moved) =
+        place.said("evaluate moved.ply -c moved.json --photographs views --json=moved_scores.json");
     let found = place.json("moved_scores.json");
     assert_eq!(found["views"].as_array().map(Vec::len), Some(1), "{moved}");
-    assert_eq!((&found["views"][0]["view"], &found["origin"]["split"]), (&"images/view-0001".into(), &"test".into()));
+    assert_eq!(
+        (&found["views"][0]["view"], &found["origin"]["split"]),
+        (&"images/view-0001".into(), &"test".into())
+    );
 }
 
 #[test]
@@ -403,7 +416,11 @@ fn pixels_that_are_black_in_a_mask_are_not_scored() {
     // A full-size mask: an eighth of its sides is rounded to those of the photograph.
     masks("view-0008.png", Image::from_fn(8 * width + 3, 8 * height - 3, |_, _| [1.0; 3]));
     let found = scored(&place, "--backend reference --masks masks -o scores");
-    assert_eq!(place.image("scores/differences/view-0000.png").at(0, 0), [0.0; 3], "the passer-by is not scored");
+    assert_eq!(
+        place.image("scores/differences/view-0000.png").at(0, 0),
+        [0.0; 3],
+        "the passer-by is not scored"
+    );
     let (masked, whole) = (&found["views"][0], &found["views"][1]);
     assert!(
         (masked["counted"].as_f64(), whole["counted"].as_f64()) == (Some(2.0 / 3.0), Some(1.0)),

@@ -66,7 +66,8 @@ pub use attributes::{ATTRIBUTES, PROPERTY_ATTRIBUTE};
 pub use bounds::{Bounds, WorldBounds, decimals};
 pub use camera::Camera;
 pub use dataset::{
-    CameraError, CameraOptions, Capture, Crop, Dataset, FrameTiming, MAX_CAMERA_BYTES, NERFSTUDIO, TEST_EVERY, View, photograph, unnamed,
+    CameraError, CameraOptions, Capture, Crop, Dataset, FrameTiming, MAX_CAMERA_BYTES, NERFSTUDIO,
+    TEST_EVERY, View, photograph, unnamed,
 };
 pub use error::{LoadError, SceneError};
 pub use formats::{Content, LargeSteps};

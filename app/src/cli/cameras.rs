@@ -130,7 +130,11 @@ pub fn read(spec: &str, ignore_distortion: bool) -> Result<Dataset, CameraError>
     if dataset.has_animation {
         say("the animation of the cameras is not read: each is drawn where its node is without it");
     }
-    dataset.crop.iter().map(crop_options).for_each(|options| say(format!("the crop is not read: `{options}` is the same")));
+    dataset
+        .crop
+        .iter()
+        .map(crop_options)
+        .for_each(|options| say(format!("the crop is not read: `{options}` is the same")));
     Ok(dataset)
 }
 
@@ -245,7 +249,10 @@ pub fn tell_lost(dataset: &Dataset, path: &Path) {
         tell_frames(path, fps, is_cycle);
     }
     if dataset.has_masks {
-        say(format!("{}: masks (`mask_path`) are not written: `evaluate --masks DIR` names their folder", path.display()));
+        say(format!(
+            "{}: masks (`mask_path`) are not written: `evaluate --masks DIR` names their folder",
+            path.display()
+        ));
     }
 }
 
@@ -255,7 +262,9 @@ pub fn tell_frames(path: &Path, fps: Option<impl Display>, is_cycle: bool) {
     let word = if is_standard_output(path) { "FILE".into() } else { shell_word(&file.to_string()) };
     let fps = fps.map_or_else(String::new, |fps| format!(" --fps {fps}"));
     let closed = if is_cycle { " --closed" } else { "" };
-    say(format!("{file}: the times of the frames are not written: `video -c {word} --cameras-as frames{fps}{closed}` keeps them"));
+    say(format!(
+        "{file}: the times of the frames are not written: `video -c {word} --cameras-as frames{fps}{closed}` keeps them"
+    ));
 }
 
 /// Registers the files of a dataset, given as in [`parse`], and its photographs as inputs. Does nothing for JSON text,

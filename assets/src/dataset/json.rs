@@ -217,8 +217,11 @@ impl Fields {
         ];
         let mut lists = lists.into_iter().filter_map(|(field, names)| Some((field, names?)));
         let first = lists.next()?;
-        let (field, names) =
-            if first.1.is_empty() { lists.find(|(_, names)| !names.is_empty()).unwrap_or(first) } else { first };
+        let (field, names) = if first.1.is_empty() {
+            lists.find(|(_, names)| !names.is_empty()).unwrap_or(first)
+        } else {
+            first
+        };
         Some((field, names.iter().map(|name| plain(name).to_owned()).collect()))
     }
 

@@ -21,8 +21,9 @@ use std::path::PathBuf;
 ///
 /// A and B are pictures (.png, .jpg, .exr, .npy, or ARCHIVE.npz#ARRAY), or folders of pictures. A .npz archive counts
 /// as a folder of arrays. Pictures of two folders are matched by name without extension, and the means over all
-/// pictures are printed. A picture without a partner, or a pair that cannot be compared, does not stop the others: it
-/// is listed, there are no means, and the exit code is 1.
+/// pictures are printed. A folder without pictures has those of the folders in it: `cam0/a` matches `cam0_a`. A picture
+/// without a partner, or a pair that cannot be compared, does not stop the others: it is listed, there are no means,
+/// and the exit code is 1.
 ///
 /// PSNR is 10 log10(1 / MSE) over all pixels and channels, of values clamped to 0..1. SSIM (Wang et al. 2004, Gaussian
 /// window of 11 x 11, sigma 1.5) is the mean over the channels. FLIP (Andersson et al. 2020) is the mean over the

@@ -20,7 +20,7 @@ pub type Named = (String, PathBuf);
 /// The pictures that argument A or B of the command names.
 pub enum Pictures {
     One(PathBuf),
-    /// Pictures of a folder by name without extension, or arrays of an archive by name.
+    /// Pictures of a folder by name without extension (see [`add`]), or arrays of an archive by name.
     Many(BTreeMap<String, PathBuf>),
 }
 
@@ -45,24 +45,35 @@ impl Pictures {
             return Ok(Pictures::One(path.to_owned()));
         }
         let mut pictures = BTreeMap::new();
-        let entries =
-            std::fs::read_dir(path).with_context(|| format!("{}: cannot be read", path.display()))?;
-        for entry in entries {
-            let file = entry.with_context(|| format!("{}: cannot be read", path.display()))?.path();
-            let Some(stem) = file.file_stem() else { continue };
+        add(path, "", &mut pictures)?;
+        Ok(Pictures::Many(pictures))
+    }
+}
+
+/// Adds the pictures of a folder or, if it has none, of the folders in it, as in the photographs of a rig. Names begin
+/// with `before`; they join those of folders by `_`, as the names of drawn pictures do.
+fn add(folder: &Path, before: &str, pictures: &mut BTreeMap<String, PathBuf>) -> Result<()> {
+    let unreadable = || format!("{}: cannot be read", folder.display());
+    let (mut folders, mut has_pictures) = (Vec::new(), false);
+    for entry in std::fs::read_dir(folder).with_context(unreadable)? {
+        let entry = entry.with_context(unreadable)?;
+        let file = entry.path();
+        let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
+        let Some(own) = (if is_folder { file.file_name() } else { file.file_stem() }) else { continue };
+        // Names that are not UTF-8 must stay distinct.
+        let escaped = || own.as_encoded_bytes().escape_ascii().to_string();
+        let name = before.to_owned() + &own.to_str().map_or_else(escaped, str::to_owned);
+        if is_folder {
+            folders.push((file, name + "_"));
+        } else if Format::of(&file).is_some() || is_jpeg(&file) {
             // The folder may hold other files, such as statistics.
-            if Format::of(&file).is_none() && !is_jpeg(&file) {
-                continue;
-            }
-            // Names that are not UTF-8 must stay distinct.
-            let escaped = || stem.as_encoded_bytes().escape_ascii().to_string();
-            let name = stem.to_str().map_or_else(escaped, str::to_owned);
+            has_pictures = true;
             if let Some(other) = pictures.insert(name, file.clone()) {
                 bail!("{} and {} have the same name without extension", other.display(), file.display());
             }
         }
-        Ok(Pictures::Many(pictures))
     }
+    folders.into_iter().filter(|_| !has_pictures).try_for_each(|(folder, name)| add(&folder, &name, pictures))
 }
 
 /// Pairs the pictures of two folders or archives, by name or by the number at its end. Pictures without a number are

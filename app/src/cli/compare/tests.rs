@@ -40,6 +40,23 @@ fn folders_are_matched_by_stem_whatever_the_format_and_the_worst_decides() {
 }
 
 #[test]
+fn pictures_in_folders_are_matched_by_joined_names_unless_there_are_others_beside_the_folders() {
+    let names = [("cam0_1.npy", 0.5), ("cam1_1.npy", 0.6)];
+    let (_root, a, b) = folders(&names, &[("cam0/1.png", 0.6), ("cam1/1.npy", 0.6)]);
+    let json: Value = serde_json::from_str(&told(&a, &b, &["--json"]).unwrap().0).unwrap();
+    let found =
+        [0, 1].map(|picture| (&json["pictures"][picture]["name"], &json["pictures"][picture]["psnr_db"]));
+    assert!(
+        found[0].0 == "cam0_1" && found[0].1.as_f64().is_some_and(|db| (db - 20.0).abs() < 0.01),
+        "{json}"
+    );
+    assert_eq!(found[1], (&"cam1_1".into(), &"inf".into()));
+    grey(0.5).save(&b.join("cam0_1.png")).unwrap();
+    let json: Value = serde_json::from_str(&told(&a, &b, &["--json"]).unwrap().0).unwrap();
+    assert_eq!(json["missing"], serde_json::json!(["cam1_1"]), "folders beside pictures are not read");
+}
+
+#[test]
 fn the_means_of_two_folders_are_those_of_decibels() {
     let (_root, a, b) = folders(&[("x.npy", 0.5), ("y.npy", 0.5)], &[("x.npy", 0.6), ("y.npy", 0.51)]);
     let json: Value = serde_json::from_str(&told(&a, &b, &["--json"]).unwrap().0).unwrap();

@@ -435,7 +435,8 @@ mod tests {
             "no turn, for instance in a loop over angles"
         );
         assert!(said(&["--transform", "scale:1,1,-1"]).contains("expected one factor for all axes, found 3"));
-        let skewed = "expected a rotation, a uniform scale and a translation, found a matrix that skews, mirrors";
+        let skewed =
+            "expected a rotation, a uniform scale and a translation, found a matrix that skews, mirrors";
         for rows in ["1,1,0,0,0,1,0,0,0,0,1,0", "-1,0,0,0,0,1,0,0,0,0,1,0"] {
             assert!(said(&["--transform", &format!("matrix:{rows}")]).contains(skewed));
         }

@@ -121,13 +121,7 @@ fn scored_difference(drawn: &Image, photograph: &Image, mask: Option<&[bool]>) -
 }
 
 /// Writes the pictures of a view to the folder of `--output`, if any.
-pub fn save(
-    args: &Args,
-    stem: &str,
-    drawn: &Image,
-    photograph: &Image,
-    mask: Option<&[bool]>,
-) -> Result<()> {
+pub fn save(args: &Args, stem: &str, drawn: &Image, photograph: &Image, mask: Option<&[bool]>) -> Result<()> {
     let Some(output) = &args.output else { return Ok(()) };
     let difference = scored_difference(drawn, photograph, mask);
     for (folder, image) in FOLDERS.into_iter().zip([drawn, photograph, &difference]) {
@@ -191,7 +185,8 @@ mod tests {
     #[test]
     fn a_difference_shows_only_what_is_scored() {
         let image = |rgb: [[f32; 3]; 3]| Image { width: 3, height: 1, rgb: rgb.to_vec() };
-        let (drawn, photograph) = (image([[3.0; 3], [0.5; 3], [0.5; 3]]), image([[1.0; 3], [0.25; 3], [0.25; 3]]));
+        let (drawn, photograph) =
+            (image([[3.0; 3], [0.5; 3], [0.5; 3]]), image([[1.0; 3], [0.25; 3], [0.25; 3]]));
         let found = scored_difference(&drawn, &photograph, Some(&[true, true, false]));
         assert_eq!(found.rgb, [[0.0; 3], [2.5; 3], [0.0; 3]]);
         assert_eq!(scored_difference(&drawn, &photograph, None).rgb, [[0.0; 3], [2.5; 3], [2.5; 3]]);

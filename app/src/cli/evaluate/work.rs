@@ -234,7 +234,9 @@ impl Work {
             ));
         }
         if self.capture == Some(Capture::Frames) && self.split == EVERY_EIGHTH && args.split.is_none() {
-            say("nerfstudio trained the scene, with some of these views: `--split nerfstudio` scores those that it holds out by default");
+            say(
+                "nerfstudio trained the scene, with some of these views: `--split nerfstudio` scores those that it holds out by default",
+            );
         }
     }
 }

@@ -97,7 +97,8 @@ fn the_crop_and_the_seconds_of_a_path_are_read() {
     let color = "\"crop_bg_color\": {\"r\": 255, \"g\": 0, \"b\": 51}";
     let place = "\"crop_center\": [1, 2, 3], \"crop_scale\": [2, 4, 6]";
     // The angles are those of Rz(yaw) Ry(pitch) Rx(roll).
-    let turned = format!("\"crop\": {{{place}, \"crop_rot\": [0.3, {0}, {0}], {color}}},", 0.5 * std::f64::consts::PI);
+    let turned =
+        format!("\"crop\": {{{place}, \"crop_rot\": [0.3, {0}, {0}], {color}}},", 0.5 * std::f64::consts::PI);
     let crop = path(&turned).crop.unwrap();
     assert_eq!((crop.center, crop.size), ([1.0, 2.0, 3.0], [2.0, 4.0, 6.0]));
     assert_eq!(crop.background, [1.0, 0.0, 0.2]);
