@@ -116,7 +116,8 @@ fn a_frame_that_is_not_submitted_saves_no_histories() {
     let (mut null, journal) = device();
     load(&mut null, histories());
     let inspect = vec![Inspect { resource: WORDS, after: PassId(99) }];
-    null.submit(&FrameInputs { save_histories: true, inspect, ..inputs() }).expect_err("there is no such pass");
+    null.submit(&FrameInputs { save_histories: true, inspect, ..inputs() })
+        .expect_err("there is no such pass");
     let ready = null.loader().restoring_histories().prepare(histories(), &Zeros::default(), &mut |_| {});
     null.swap(ready.expect("it is prepared")).expect("it is swapped in");
     frame(&mut null, &inputs());
