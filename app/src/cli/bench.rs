@@ -149,15 +149,12 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
     Ok(!report.is_empty())
 }
 
-/// Rejects scenes that cannot be read, and graphs and parameters that are invalid both on this device and on the least
-/// capable supported one. Graphs are checked only with the first scene and size. Prints the settings without an effect.
+/// Rejects graphs and parameters that are invalid both on this device and on the least capable supported one. Only the
+/// first scene and size are checked. Prints the settings without an effect.
 ///
 /// An unmet requirement is not an error: the graph becomes a row with the reason, and may suit another scene.
 fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
-    // All of them, so that a scene that cannot be read ends the command before the others are measured.
-    let headers: Vec<SceneHeader> =
-        args.scenes.iter().map(|scene| args.load.header(scene)).collect::<Result<_, _>>()?;
-    let scene = match headers.first().copied() {
+    let scene = match args.scenes.first().map(|scene| args.load.header(scene)).transpose()? {
         Some(SceneHeader { count, stored_degree }) => SceneFacts {
             count,
             sh_degree: stored_degree,

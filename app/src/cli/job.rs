@@ -227,6 +227,10 @@ impl Manifest {
         let differs =
             names.filter(|name| *name != REQUEST && self.origin.get(*name) != other.origin.get(*name));
         let mut changes: Vec<String> = differs.cloned().collect();
+        // Other inputs often change the plan; named alone, it tells that the devices differ.
+        if changes.len() > 1 {
+            changes.retain(|name| name != "plan");
+        }
         let inside = |file: &PathBuf| match file.is_absolute() {
             true => file.file_name().map(Into::into),
             false => Some(file.clone()),

@@ -5,8 +5,8 @@ use std::rc::Rc;
 use std::sync::Arc;
 
 use crate::ir::{
-    Accesses, DeviceFacts, FileId, Layout, ParamSet, Pass, ResourceId, Shader, ShaderId, ShaderStage, Shape,
-    Span, Stages, Use,
+    Accesses, DeviceFacts, FileId, Layout, ParamSet, Pass, ResourceId, Shader, ShaderId, Shape, Span, Stages,
+    Use,
 };
 use crate::lower::Lowered;
 use crate::plan::Resource;
@@ -50,9 +50,7 @@ pub struct PassParams {
 /// Maximum number of shader compilations of a graph.
 pub(super) const MAX_COMPILATIONS: usize = 500;
 
-/// A compilation: the shader's file, its stage (links can give one file two), its
-/// defines and its `live.glsl`.
-type Compilation = (FileId, ShaderStage, Rc<Vec<(String, String)>>, Rc<str>);
+pub(super) type Defines = Vec<(String, String)>;
 
 /// Adds the text of `live.glsl`, which shaders include, to the files; an equal text once.
 pub(super) fn add_live_glsl(files: &mut SourceMap, text: &str) -> FileId {
@@ -72,9 +70,9 @@ pub(super) struct Linker<'a> {
     pub declared: HashMap<ShaderId, Arc<BTreeSet<String>>>,
     /// Identifiers that each shader's compiled text depends on.
     pub reached: HashMap<ShaderId, Arc<BTreeSet<String>>>,
-    /// Shaders compiled so far, which the iterations of a repeat share. `None` after errors: a shader that crashes the
-    /// compiler crashes it only once.
-    pub compiled: HashMap<Compilation, Option<ShaderId>>,
+    /// Shaders compiled so far, by file, defines and `live.glsl`; the iterations of a repeat share them. `None` after
+    /// errors: a shader that crashes the compiler crashes it only once.
+    pub compiled: HashMap<(FileId, Rc<Defines>, Rc<str>), Option<ShaderId>>,
     /// Shader files found so far, by the graph that names them and the name in that graph.
     pub found: HashMap<(FileId, String), FileId>,
     pub errors: Vec<Diagnostic>,

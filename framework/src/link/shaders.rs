@@ -78,7 +78,7 @@ impl Linker<'_> {
             }
         };
         self.found.insert((pass.file, name.name.clone()), file);
-        let key = (file, stage, pass.defines.clone(), pass.live_glsl.clone());
+        let key = (file, pass.defines.clone(), pass.live_glsl.clone());
         if let Some(known) = self.compiled.get(&key) {
             return *known;
         }
@@ -234,13 +234,13 @@ impl Linker<'_> {
 #[cfg(test)]
 mod tests {
     use crate::build;
-    use crate::ir::{Request, ShaderStage, Span};
+    use crate::ir::{Request, Span};
     use crate::shader::{Compiled, ShaderCompiler, ShaderRequest};
     use crate::source::{Diagnostic, Library, SourceMap};
     use crate::testing;
 
-    /// Refuses every shader, and records the stages of the attempts.
-    struct Refusing(Vec<ShaderStage>);
+    /// Refuses every shader, and counts the attempts.
+    struct Refusing(usize);
 
     impl ShaderCompiler for Refusing {
         fn compile(
@@ -248,18 +248,9 @@ mod tests {
             _: &mut SourceMap,
             request: &ShaderRequest,
         ) -> Result<Compiled, Vec<Diagnostic>> {
-            self.0.push(request.stage);
+            self.0 += 1;
             Err(vec![Diagnostic::new("the compiler crashed", Span::new(request.file, 0..0), "")])
         }
-    }
-
-    /// Builds a graph whose shaders are all refused. Returns the number of errors and the stages that were compiled.
-    fn refused(graph: &str, library: Library) -> (usize, Vec<ShaderStage>) {
-        let (facts, catalog, mut compiler) = (testing::facts(), testing::catalog(), Refusing(Vec::new()));
-        let request = Request::new(graph, &facts, &catalog);
-        let errors = build(&request, &mut SourceMap::new(library), &mut compiler).expect_err("it is refused");
-        assert!(errors.iter().all(|error| error.message == "the compiler crashed"), "{errors:?}");
-        (errors.len(), compiler.0)
     }
 
     #[test]
@@ -268,22 +259,11 @@ mod tests {
         let graph = testing::graph("", &format!(r#"Repeat(var: "i", count: 9, body: [{pass}]),"#));
         let memory = [("graph.ron", graph.as_str()), ("make.comp", "w Out 4")];
         let memory = memory.map(|(path, text)| (path.to_string(), text.to_string())).into();
-        let found = refused("graph.ron", Library { memory, ..Library::default() });
-        assert_eq!(found, (1, vec![ShaderStage::Compute]));
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn a_file_that_links_name_for_two_stages_is_compiled_for_each() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = |name: &str| folder.path().join(name);
-        let draw = r#"Draw(name: "draw", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleList,
-            call: Direct(vertices: 3, instances: 1),
-            targets: [Target(image: "image", load: Clear(0, 0, 0, 0), blend: Replace)]),"#;
-        std::fs::write(path("graph.ron"), testing::graph("", draw)).unwrap();
-        std::fs::write(path("quad.vert"), "out uv").unwrap();
-        std::os::unix::fs::symlink("quad.vert", path("quad.frag")).unwrap();
-        let found = refused(path("graph.ron").to_str().unwrap(), Library::default());
-        assert_eq!(found, (2, vec![ShaderStage::Vertex, ShaderStage::Fragment]));
+        let mut files = SourceMap::new(Library { memory, ..Library::default() });
+        let (facts, catalog, mut compiler) = (testing::facts(), testing::catalog(), Refusing(0));
+        let request = Request::new("graph.ron", &facts, &catalog);
+        let errors = build(&request, &mut files, &mut compiler).expect_err("the shader is refused");
+        let found: Vec<&str> = errors.iter().map(|error| error.message.as_str()).collect();
+        assert_eq!((found, compiler.0), (vec!["the compiler crashed"], 1));
     }
 }

@@ -283,10 +283,6 @@ fn check(
             checked.lines.add(&lanes, line);
             continue;
         };
-        // A named device need not draw it.
-        if !is_named && let Some(line) = devices[0].exceeded(&plan) {
-            return Ok(Verdict::Lacking(format!("{who}: {line}")));
-        }
         let full = undrawn.full_plan(planner, &plan, (graph, set), &catalog)?;
         let who = match undrawn.changed.is_empty() {
             true => who,

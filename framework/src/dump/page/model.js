@@ -41,9 +41,8 @@ function isLight(colour) {
 
 function bytes(n) {
   if (n < 1024) return `${n} B`;
-  // A number that would be rounded to 1024.0 takes the next unit.
-  if (n < 1023.95 * 1024) return `${(n / 1024).toFixed(1)} KiB`;
-  if (n < 1023.95 * (1 << 20)) return `${(n / (1 << 20)).toFixed(1)} MiB`;
+  if (n < 1 << 20) return `${(n / 1024).toFixed(1)} KiB`;
+  if (n < 1 << 30) return `${(n / (1 << 20)).toFixed(1)} MiB`;
   return `${(n / (1 << 30)).toFixed(2)} GiB`;
 }
 
