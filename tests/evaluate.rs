@@ -167,7 +167,7 @@ fn cameras_are_moved_with_a_scene_and_a_dataset_that_lacks_a_file_is_told() {
 fn a_scene_that_is_too_near_to_be_drawn_whole_is_told_with_its_scores() {
     let place = photographed();
     place.done(
-        "convert scene.ply small.ply --transform scale:0.04 -c views --write-cameras small.cameras.json",
+        "convert scene.ply small.ply --transform scale:0.005 -c views --write-cameras small.cameras.json",
     );
     let line = "-c small.cameras.json --photographs views/images --backend reference --json=scores.json";
     let (_, errors) = place.said(&format!("evaluate small.ply {line}"));
