@@ -456,9 +456,13 @@ pub fn origin_of(
     let set: BTreeMap<String, Json> = set.iter().map(value).collect();
     let mut origin = origin(session.scene(), cameras)?;
     origin.insert("graph".into(), json!({ "pipeline": pipeline, "set": set, "files": files }));
-    // Devices may differ in what they choose, such as the graph that `auto` draws.
-    origin.insert("plan".into(), json!(session.plan().map(|plan| text::hex(fingerprint(plan)))));
     Ok(origin)
+}
+
+/// Returns the hash of a session's plan, as an entry of an [`Origin`]. Plans of devices differ if `auto` draws another
+/// graph on each.
+pub fn plan_of(session: &Session) -> (String, Json) {
+    ("plan".into(), json!(session.plan().map(|plan| text::hex(fingerprint(plan)))))
 }
 
 /// Returns the inputs that determine the pictures of a scene, except for the graph. `cameras` are relative to

@@ -174,6 +174,7 @@ impl Work for Views {
         let mut origin = job::origin_of(study.session(), &cameras, (pipeline, set))?;
         let empty = SweepResult { command: options::command_line(), ..study.empty(&subject, &wanted) };
         origin.extend([
+            job::plan_of(study.session()),
             ("device".into(), json!(empty.origin.provenance.device)),
             ("--steps".into(), json!(steps)),
             ("--rounds".into(), json!(frames.rounds)),

@@ -77,8 +77,6 @@ impl job::Work for Views {
                 job::origin_of(session, &cameras, (&self.args.pipeline, &self.args.set))?
             }
         };
-        // The plan is for the first photograph that exists, which may differ among the processes.
-        origin.remove("plan");
         self.scene = Some(scene);
         let mut request = request(&self.args);
         request[ORIGIN] = drawer::origin(&mut drawer, self.work.downscaled.as_deref(), self.work.split)?;

@@ -79,7 +79,9 @@ impl job::Work for Views {
             // Includes the chosen storage: a device with less memory chooses a smaller one, and draws other pictures.
             Some(session) => {
                 job::refuse_animated(session)?;
-                job::origin_of(session, &cameras, session.graph())?
+                let mut origin = job::origin_of(session, &cameras, session.graph())?;
+                origin.extend([job::plan_of(session)]);
+                origin
             }
             None => job::origin(&loaded.scene, &cameras)?,
         };
