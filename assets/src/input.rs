@@ -43,7 +43,8 @@ pub struct ReadOptions<'a> {
     pub level: Option<u32>,
     /// Names of further properties to read from a PLY file, for graphs that import `scene.property.NAME`.
     ///
-    /// Their values become 32-bit floats. Properties of the splat are among them, as they are in the file.
+    /// Their values become 32-bit floats. A name of the splat's own values, such as `opacity`, gives the file's numbers,
+    /// without activation.
     pub properties: &'a [String],
 }
 

@@ -39,8 +39,8 @@ pub struct LoadOptions {
     /// Leave out the splats for which this expression is false, for instance 'opacity > 0.05 && x < 2'
     ///
     /// The names are those of `splatgraph convert --where`: x, y, z, opacity, scale_min, scale_max, red, green, blue,
-    /// index, and those of --property. Each scene file is loaded whole, and its splats are then left out before --at moves it. Outputs and
-    /// selections count the splats that are left.
+    /// index, and the names of --property. Each scene file is loaded whole, and its splats are then left out before --at
+    /// moves it. Outputs and selections count the splats that are left.
     #[arg(long = "where", value_name = "EXPRESSION", allow_hyphen_values = true)]
     pub condition: Option<Condition>,
 }

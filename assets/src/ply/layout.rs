@@ -85,7 +85,7 @@ pub(crate) struct Layout {
     colors: bool,
     /// Index of the slot of [`FILTER`]; `None` if the file lacks it.
     filter: Option<usize>,
-    /// Further properties to read, those of the splat included: names, and indices of their slots.
+    /// Names of the requested properties, and the indices of their slots.
     pub properties: (Vec<String>, Vec<usize>),
 }
 
@@ -135,7 +135,7 @@ impl Rest {
 }
 
 impl Layout {
-    /// Finds the slots of a splat, and of those of the further `properties` that the element has.
+    /// Finds the slots of a splat's values and of the requested `properties`. Skips names that the element lacks.
     pub(crate) fn find(vertex: &Element, properties: &[String]) -> Result<Self, SceneError> {
         let line = vertex.line;
         let has = |name: &str| vertex.properties.iter().any(|property| property.name == name);

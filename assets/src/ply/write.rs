@@ -31,7 +31,7 @@ fn kind(column: usize, wide: bool) -> (&'static str, u64) {
     if wide && column < 3 { ("double", 8) } else { ("float", 4) }
 }
 
-/// Lists the further properties of a scene that are not among those of its splats: indices and names.
+/// Lists the further properties of a scene that the reference layout lacks: indices and names.
 fn further(scene: &Scene) -> Vec<(usize, &str)> {
     let own = property_names(scene.stored_degree());
     let all = scene.property_names().iter().map(String::as_str).enumerate();

@@ -21,7 +21,7 @@ use std::path::PathBuf;
 ///
 /// A and B are pictures (.png, .jpg, .exr, .npy, or ARCHIVE.npz#ARRAY), or folders of pictures. A .npz archive counts
 /// as a folder of arrays. Pictures of two folders are matched by name without extension, and the means over all
-/// pictures are printed. A folder without pictures has those of the folders in it: `cam0/a` matches `cam0_a`. A picture
+/// pictures are printed. If a folder has only folders, their pictures count: `cam0/a` matches `cam0_a`. A picture
 /// without a partner, or a pair that cannot be compared, does not stop the others: it is listed, there are no means,
 /// and the exit code is 1.
 ///

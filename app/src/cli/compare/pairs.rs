@@ -51,7 +51,7 @@ impl Pictures {
 }
 
 /// Adds the pictures of a folder or, if it has none, of the folders in it, as in the photographs of a rig. Names begin
-/// with `before`; they join those of folders by `_`, as the names of drawn pictures do.
+/// with `before`. An `_` joins the names of folder and picture, as in the names of drawn pictures.
 fn add(folder: &Path, before: &str, pictures: &mut BTreeMap<String, PathBuf>) -> Result<()> {
     let unreadable = || format!("{}: cannot be read", folder.display());
     let (mut folders, mut has_pictures) = (Vec::new(), false);

@@ -27,9 +27,10 @@ pub const EXAMPLES: &str = "Examples:
 /// Score a scene against photographs: PSNR, SSIM and FLIP per test view, and their means
 ///
 /// Draws the test views of a dataset at the photographs' size, and compares both. Test views are the dataset's own
-/// (Blender, nerfstudio), or else every eighth photograph by name, as in the 3DGS reference implementation, or those of
-/// --split. A line on standard error says so. PSNR and SSIM are computed as in `compare`, and FLIP as its `flip_8_bits`. The means over
-/// the views are comparable with published tables, except for the differences that docs/formats.md lists.
+/// (Blender, nerfstudio), or else every eighth photograph by name, as in the 3DGS reference implementation, or the
+/// views of --split. A line on standard error says so. PSNR and SSIM are computed as in `compare`, and FLIP as its
+/// `flip_8_bits`. The means over the views are comparable with published tables, except for the differences that
+/// docs/formats.md lists.
 ///
 /// A view does not stop the others if its photograph is missing, damaged or of another shape, or if its picture has
 /// values that are not finite. The JSON lists it in `missing`, there are no means, and the exit code is 1.
@@ -61,8 +62,8 @@ pub struct Args {
     /// Score all views, not only the test views
     #[arg(long)]
     pub all: bool,
-    /// Test views of a dataset that names none: `every-8th` by name, or those that `nerfstudio` holds out of a
-    /// transforms.json by default, a tenth [default: every-8th]
+    /// Test views of a dataset that names none: `every-8th` by name, or the tenth of a transforms.json that `nerfstudio`
+    /// holds out by default [default: every-8th]
     #[arg(long, value_name = "every-8th|nerfstudio", hide_possible_values = true, conflicts_with = "all")]
     pub split: Option<Split>,
     /// The graph: the name of a built-in one, or a path
