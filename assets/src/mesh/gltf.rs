@@ -501,8 +501,13 @@ impl<'a> Reader<'a> {
         let bytes = match (&image.uri, &image.buffer_view) {
             (Some(uri), _) => Cow::Owned(match resolve(uri, self.folder, &part)? {
                 Resource::Data(bytes) => bytes,
-                Resource::File(path) => read_file(&path, |source| Ok(source.head(MAX_BYTES as usize)?))
-                    .map_err(|error| wrong(&part, format!("{}: {error}", uri::shown(uri))))?,
+                Resource::File(path) => read_file(&path, |source| match source.length() {
+                    length if length <= MAX_BYTES => Ok(source.head(length as usize)?),
+                    length => Err(SceneError::Invalid(format!(
+                        "expected a file of at most {MAX_BYTES} bytes, found {length}"
+                    ))),
+                })
+                .map_err(|error| wrong(&part, format!("{}: {error}", uri::shown(uri))))?,
             }),
             (None, Some(view)) => {
                 let view = self.document.views().nth(view.value());

@@ -1,10 +1,13 @@
 //! Reads whole PLY files, valid and damaged.
 
+mod damage;
+mod properties;
+
 use super::write::property_names;
 use crate::input::{Input, OpenFile, Source};
 use crate::testing::{captures, golden, parse, says, splat, written};
-use crate::{QUIET, ReadOptions, Scene, SceneFormat, Similarity, sh_floats};
-use std::path::{Path, PathBuf};
+use crate::{Scene, SceneFormat, Similarity, sh_floats};
+use std::path::PathBuf;
 
 pub(crate) struct Made {
     pub format: &'static str,
@@ -371,82 +374,6 @@ fn a_scene_with_an_offset_is_written_in_the_coordinates_of_the_world() {
 }
 
 #[test]
-fn further_properties_are_read_on_request_and_stay_with_their_splats() {
-    let label = |index: usize| raw(index, "nz") as f32;
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    let properties = ["label", "x"].map(str::to_owned);
-    let load = |path: &Path| {
-        Scene::load_with(path, ReadOptions { properties: &properties, ..ReadOptions::default() }, QUIET)
-    };
-    let rows = |scene: &Scene| -> Vec<[f32; 2]> {
-        (0..scene.count() as usize).map(|index| [0, 1].map(|name| scene.property(index, name))).collect()
-    };
-    for (format, kind) in
-        [("ascii", "double"), ("binary_big_endian", "float"), ("binary_little_endian", "double")]
-    {
-        let made = Made { format, kind, reversed: true, ..PLAIN };
-        std::fs::write(
-            at("a.ply"),
-            edited(&made, &format!("property {kind} nz"), &format!("property {kind} label")),
-        )
-        .unwrap();
-        let scene = load(&at("a.ply")).unwrap();
-        assert_eq!(scene.property_names(), properties);
-        let expected: Vec<[f32; 2]> =
-            (0..made.count).map(|index| [label(index), raw(index, "x") as f32]).collect();
-        assert_eq!(rows(&scene), expected, "{format}");
-        assert_ne!(scene.identity(), Scene::load(at("a.ply"), QUIET).unwrap().identity());
-
-        let info = scene.attribute("scene.property.label").unwrap();
-        assert_eq!((info.stride, info.planes, info.count), (4, 1, 20));
-        let mut bytes = [0; 8];
-        scene.write_attribute("scene.property.label", 0, 12, &mut bytes).unwrap();
-        assert_eq!(bytes, [label(3), label(4)].map(f32::to_le_bytes).concat()[..]);
-        assert!(scene.attribute("scene.property.y").is_none());
-
-        let by = Similarity { scale: 2.0, ..Similarity::IDENTITY };
-        let picked = scene.picked(&[7, 2]).unwrap().transformed(&by).unwrap().cut_to_degree(0).unwrap();
-        assert_eq!(rows(&picked), [expected[7], expected[2]]);
-        picked.write_ply(at("b.ply")).unwrap();
-        let labels: Vec<f32> = rows(&load(&at("b.ply")).unwrap()).iter().map(|row| row[0]).collect();
-        assert_eq!(labels, [label(7), label(2)]);
-
-        std::fs::write(at("c.ply"), PLAIN.bytes()).unwrap();
-        std::fs::write(at("list.ron"), "Scenes([Scene(file: \"c.ply\"), Scene(file: \"b.ply\")])").unwrap();
-        let joined = load(&at("list.ron")).unwrap();
-        let at = joined.property_names().iter().position(|name| name == "label").unwrap();
-        assert_eq!((joined.property(19, at), joined.property(20, at)), (0.0, label(7)));
-    }
-    let made = Made { count: 40, ..PLAIN };
-    let mut bytes = edited(&made, "property float nz", "property float label");
-    // Splat 5 is dropped, so all further ones move up.
-    let stride = 4 * property_names(PLAIN.degree).len();
-    let start = bytes.len() - 40 * stride;
-    bytes[start + 5 * stride..][..4].copy_from_slice(&f32::NAN.to_le_bytes());
-    std::fs::write(at("a.ply"), bytes).unwrap();
-    let scene = load(&at("a.ply")).unwrap();
-    assert_eq!((scene.property(4, 0), scene.property(5, 0), scene.count()), (label(4), label(6), 39));
-}
-
-#[test]
-fn a_property_that_no_file_has_is_an_error_with_the_nearest() {
-    let folder = tempfile::tempdir().unwrap();
-    let said = |name: &str, bytes: &[u8]| {
-        let path = folder.path().join("a");
-        std::fs::write(&path, bytes).unwrap();
-        let properties = [name.to_owned()];
-        let options = ReadOptions { properties: &properties, ..ReadOptions::default() };
-        Scene::load_with(path, options, QUIET).unwrap_err().to_string()
-    };
-    let labelled = edited(&PLAIN, "property float nz", "property float label");
-    says(said("labels", &labelled), "expected a property `labels`, found none; did you mean `label`?");
-    says(said("confidence", &labelled), "found none; `splatgraph info` lists its properties");
-    let spz = written(&parse(&PLAIN.bytes()).unwrap(), SceneFormat::Spz);
-    says(said("label", &spz), "only PLY files have further properties, and this is spz");
-}
-
-#[test]
 fn comments_of_the_header_are_kept_by_copies_in_both_layouts_unless_they_fill_it() {
     let scene = |lines: &str| parse(&edited(&PLAIN, "obj_info none\n", lines)).unwrap();
     let lines = "comment by  Jane\nobj_info inventory 7\n";
@@ -574,83 +501,6 @@ fn a_file_of_nothing_but_bad_splats_is_an_error_that_counts_them() {
         error(format!("{header}end_header\n{rows}").as_bytes()),
         "none of the 3 splats can be drawn: 3 with a position not finite in f32",
     );
-}
-
-#[test]
-fn a_truncated_file_says_how_many_splats_are_there() {
-    for format in ["binary_little_endian", "binary_big_endian", "ascii"] {
-        let bytes = Made { format, ..PLAIN }.bytes();
-        says(error(&bytes[..bytes.len() - 5]), "expected 20 splats (line 5), found 19");
-    }
-    let made = Made { faces: true, ..PLAIN };
-    let bytes = made.bytes();
-    let said = error(&bytes[..bytes.len() - 20]);
-    assert!(said.contains("expected 2 rows of `element after`") && said.ends_with("found 0"), "{said}");
-    says(error(b""), "empty");
-    says(error(&bytes[..30]), "ends inside it, after line 1");
-}
-
-#[test]
-fn counts_that_cannot_be_true_are_refused_before_anything_is_allocated() {
-    let said = error(&edited(&PLAIN, "vertex 20", "vertex 18446744073709551615"));
-    assert!(
-        said.contains("header is damaged") && said.contains("declares 18446744073709551615 rows"),
-        "{said}"
-    );
-    says(
-        error(&edited(&PLAIN, "vertex 20", "vertex 0")),
-        "expected at least one splat, found `element vertex 0` (line 5)",
-    );
-    let ascii = Made { format: "ascii", degree: 0, ..PLAIN };
-    says(error(&edited(&ascii, "vertex 20", "vertex 1500")), "expected 1500 splats (line 5), found 20");
-}
-
-#[test]
-fn missing_properties_are_named_with_the_nearest_that_is_there() {
-    says(
-        error(&edited(&PLAIN, "float opacity", "float opacty")),
-        "(line 5) has no property `opacity`; the nearest name there is `opacty`",
-    );
-    says(error(&edited(&PLAIN, "f_rest_3\n", "f_rest_33\n")), "no property `f_rest_3`");
-    let said = error(&edited(&PLAIN, "property float f_rest_8\n", ""));
-    assert!(
-        said.contains("expected 0, 9, 24, 45 or 72 properties `f_rest_*`") && said.ends_with("found 8"),
-        "{said}"
-    );
-    let cloud = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n";
-    says(error(cloud), "may be a point cloud or a mesh");
-    let said = error(&edited(&PLAIN, "float scale_0", "float log_scale_0"));
-    assert!(!said.contains("point cloud"), "{said}");
-    says(
-        error(b"ply\nformat ascii 1.0\nelement face 1\nproperty float x\nend_header\n0\n"),
-        "no `element vertex`, which holds the splats; it has face",
-    );
-    let said = error(&edited(&PLAIN, "property float nx", "property list uchar float nx"));
-    assert!(said.starts_with("line 9 of the header: `nx` is a list"), "{said}");
-}
-
-#[test]
-fn rows_of_text_that_do_not_parse_are_named_by_line() {
-    let made = Made { format: "ascii", degree: 0, ..PLAIN };
-    let text = String::from_utf8(made.bytes()).unwrap();
-    let lines: Vec<&str> = text.lines().collect();
-    let first = lines.iter().position(|l| *l == "end_header").unwrap() + 1;
-    let replaced = |row: String| {
-        let mut lines = lines.clone();
-        lines[first + 4] = &row;
-        error(lines.join("\n").as_bytes())
-    };
-    let row = lines[first + 4].trim_end();
-    let number = format!("line {}: ", first + 5);
-    let said = replaced(row.replacen(' ', " 1.2.3 ", 1));
-    assert!(said.starts_with(&number) && said.contains("expected a number for `y`, found `1.2.3`"), "{said}");
-    let said = replaced(format!("{row} 5"));
-    assert!(said.starts_with(&number) && said.contains("expected 17 values, found 18"), "{said}");
-    let said = replaced(row.rsplit_once(' ').unwrap().0.into());
-    assert!(said.starts_with(&number) && said.contains("expected 17 values, found 16"), "{said}");
-    // Blank lines are skipped.
-    let spaced = text.replacen("end_header\n", "end_header\n\n", 1);
-    assert_eq!(parse(spaced.as_bytes()).unwrap().count(), 20);
 }
 
 #[test]
