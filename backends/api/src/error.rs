@@ -46,7 +46,8 @@ pub enum BackendError {
         /// The driver's result code.
         answer: String,
     },
-    /// The window's surface was lost, and so was its replacement: the window or its display is gone.
+    /// The window's surface was lost while the device was opened, or again after it was replaced: the window or its
+    /// display is gone.
     #[error(
         "{call} reported that the window's surface is lost: the window was closed, or its display went away"
     )]

@@ -25,8 +25,8 @@ use std::time::Duration;
 /// Maximum number of frames in flight, per context.
 pub const FRAMES_IN_FLIGHT: usize = 2;
 
-/// Name in [`Device::memory`] of the buffers that read outputs back. The plan's first frame with
-/// [`FrameInputs::read_output`] creates them.
+/// Name in [`Device::memory`] of the buffers that read outputs back. A frame with [`FrameInputs::read_output`] creates
+/// one if the plan has none that is free.
 pub const OUTPUT_READBACK: &str = "output readback";
 
 /// A physical device that a backend could open.
@@ -100,8 +100,8 @@ impl fmt::Display for Robustness {
 pub struct Heap {
     /// Size of the heap in bytes.
     pub bytes: u64,
-    /// Bytes that this process can still allocate; `None` if unknown. It is the driver's estimate from when the device
-    /// was listed or [`Device::heap`] was called.
+    /// Estimate of the bytes that this process can still allocate, from when the device was listed or [`Device::heap`]
+    /// was called. `None` if unknown.
     pub available: Option<u64>,
 }
 
@@ -186,7 +186,7 @@ pub struct FrameInputs {
     pub buffers: BTreeMap<String, BufferContents>,
     /// Keeps the output as a picture that other plans of this device can read; see [`Device::picture`].
     pub show: bool,
-    /// Shows the output in the device's window, if any; see [`Device::submit`].
+    /// Shows the output in the context's window, if any; see [`Device::submit`].
     pub present: bool,
     /// Reads the output image back.
     pub read_output: bool,
@@ -462,9 +462,10 @@ pub trait Device: Sized {
 
     /// Makes the plan the current one, and lets the next frame run its prologue.
     ///
-    /// Creates the plan's objects, and uploads the scene attributes that it reads. If that fails, the earlier plan
-    /// stays current. Frames of the earlier plan can be in flight; their results stay available. If both plans have a
-    /// history of equal name and shape, and the scene is unchanged, the new plan continues from the history's contents.
+    /// Creates the plan's objects, and uploads the scene attributes that it reads and the device lacks. If that fails,
+    /// the earlier plan stays current. Frames of the earlier plan can be in flight; their results stay available. The
+    /// new plan continues the earlier plan's history of equal name and shape if the scene is unchanged, the new plan
+    /// makes no further uses of the history, and its prologue only clears it.
     fn load(
         &mut self,
         plan: Plan,
@@ -500,8 +501,8 @@ pub trait Device: Sized {
     /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. Nothing is submitted
     /// then. [`BackendError::Invalid`] if no plan is loaded, or the inputs do not fit it. [`BackendError::Limit`] or
     /// [`BackendError::OutOfMemory`] if host buffers or copies are too large for the device.
-    /// [`BackendError::Unsupported`] if the device cannot present the output's format. If only the presentation fails,
-    /// the frame runs, but its result cannot be taken.
+    /// [`BackendError::Unsupported`] if the device cannot present the output's format. [`BackendError::SurfaceLost`] if
+    /// the window is gone. If only the presentation fails, the frame runs, but its result cannot be taken.
     fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError>;
 
     /// Returns true if the last submitted frame was to be presented, but could not be shown in the window. False
@@ -511,11 +512,11 @@ pub trait Device: Sized {
     /// Sets the window's size in pixels; a window of size 0 is hidden. Does nothing without a window.
     fn resize_window(&mut self, width: u32, height: u32);
 
-    /// Enables vsync (the default). Without it, frames are shown as soon as they are drawn, if the window system
-    /// allows it. Does nothing without a window.
+    /// Switches vsync on (the default) or off. Without it, frames are shown as soon as they are drawn, if the window
+    /// system allows it. Does nothing without a window.
     fn set_vsync(&mut self, vsync: bool);
 
-    /// Blocks until the frame has completed. Each frame's result can be taken once.
+    /// Blocks until the frame has completed, and takes its result. Each result can be taken once.
     ///
     /// # Errors
     /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. The frame stays in

@@ -166,7 +166,7 @@ impl Drop for Memory {
 /// For each (binding, element), the number of the object that is bound.
 pub(crate) type Targets = HashMap<(u32, u32), u64>;
 
-/// Dependencies and layout changes that each pass waits for, from the plan.
+/// The dependencies and layout changes before each pass and in the handover, from the plan.
 pub struct Synchronization {
     /// For each pass, then for the handover, the number of dependencies and the layout changes.
     waits: Vec<(usize, Vec<LayoutChange>)>,

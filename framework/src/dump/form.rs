@@ -185,7 +185,7 @@ pub struct DumpResource {
     pub usage: Usage,
     /// The [block](DumpBlock::id) of a transient resource; `None` for other sources.
     pub block: Option<u32>,
-    /// First and last use in the frame. `None` if the resource is not transient, is unused in the frame, or has
+    /// First and last use in the frame. `None` if the resource is not transient, is not written in the frame, or has
     /// contents that outlive the frame.
     pub lifetime: Option<Lifetime>,
     /// True if the resource is freed once the prologue has run, because only the prologue needs it.

@@ -1,8 +1,8 @@
 //! Finds the passes of each repeat.
 //!
 //! The plan is flat: a repeat's body appears once per iteration. Pass names contain the index: `sort.scatter[3]`,
-//! `level[1].blur[0]` if the body is an include, `tile[0][2]` for nested repeats. Recovering the repeats from the
-//! names keeps them out of the backends' input.
+//! `level[1].blur` if the body is an include, `tile[0][2]` for nested repeats. Recovering the repeats from the names
+//! keeps them out of the backends' input.
 
 use super::form::{DumpPass, DumpRepeat, Iteration};
 use std::collections::{BTreeSet, HashMap};

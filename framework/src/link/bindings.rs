@@ -107,7 +107,7 @@ impl Linker<'_> {
         });
     }
 
-    /// Returns true if a shader declares a block of this name, whether or not its code uses it.
+    /// Returns true if a shader declares a block of this name, used or not.
     fn declares(&self, shader: ShaderId, block: &str) -> bool {
         let used = |b: &ReflectedBinding| b.name == block;
         self.declared[&shader].contains(block)

@@ -22,16 +22,14 @@ pub struct Linked {
     pub passes: Vec<LinkedPass>,
 }
 
-/// A pass with its accesses.
+/// A pass with its bindings and uses.
 #[derive(Clone, Debug)]
 pub struct LinkedPass {
-    /// Pass with its bindings and uses.
     pub pass: Pass,
     /// Place of the pass's name in the file; of the output's name for passes that the solver adds.
     pub span: Span,
     /// The include that the pass comes from, as an index into [`Lowered::includes`]; `None` for the root graph's own.
     pub include: Option<usize>,
-    /// The parameters that the pass depends on.
     pub params: PassParams,
 }
 
@@ -90,8 +88,8 @@ impl Linker<'_> {
     }
 }
 
-/// Adds accesses to a pass's list, with one entry per resource and stage. An existing entry keeps its layout and
-/// its `discards`.
+/// Adds accesses to a pass's list, with one entry per resource and set of stages. An existing entry keeps its layout
+/// and its `discards`.
 pub(super) fn touch(
     uses: &mut Vec<Use>,
     resource: ResourceId,

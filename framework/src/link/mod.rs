@@ -24,8 +24,9 @@ use shaders::count_compilations;
 /// Compiles the shaders of every pass and validates the pass against them.
 ///
 /// # Errors
-/// Errors of shaders, and of passes that do not match them or exceed the device's limits. A graph with too many
-/// distinct compilations is refused first. A cancelled compiler gives the error [`CANCELLED`].
+/// Errors of shaders, and of passes that do not match them or exceed the device's limits. If there are none, shaders of
+/// removed passes that have no file. A graph with too many distinct compilations is refused first. A cancelled compiler
+/// gives the error [`CANCELLED`].
 pub fn link(
     mut lowered: Lowered,
     request: &Request,

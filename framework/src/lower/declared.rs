@@ -17,6 +17,7 @@ use crate::ir::{FileId, Span};
 use crate::schema::{Expose, Expression, Graph, Number, ParamDecl, ParamKind, PassDecl};
 use crate::source::{Diagnostic, Kind, Place, SourceMap};
 
+/// A parameter of a graph: its own, or one that an include exposes.
 #[derive(Clone, Debug)]
 pub(super) struct Declared {
     pub name: String,

@@ -33,8 +33,8 @@ pub struct Lowered {
     pub ping_pongs: Vec<[ResourceId; 2]>,
     /// Ping-pong buffers that a repeat uses and does not swap.
     pub unswapped: Vec<Unswapped>,
-    /// Warnings about sizes of dispatches and draws. Either a size is 0 in every plan, or a dispatch was folded into rows
-    /// and its shader does not read the row's index.
+    /// Warnings about sizes of dispatches and draws. Either a size is 0 in every plan, or a dispatch was folded into
+    /// rows and its shader cannot tell the rows apart.
     pub sizes: Vec<Diagnostic>,
     /// Place of the output's name in the file.
     pub output_span: Span,
@@ -55,7 +55,6 @@ pub struct Lowered {
 pub struct SkippedUse {
     /// The parameters that were not read.
     pub params: ParamSet,
-    /// The name of the `let` or parameter.
     pub name: String,
     /// Place of the `let` or parameter in the file.
     pub span: Span,
@@ -66,7 +65,6 @@ pub struct SkippedUse {
 }
 
 impl Lowered {
-    /// Returns the declaration of a resource.
     pub fn declaration(&self, id: ResourceId) -> &Declaration {
         &self.declarations[id.index()]
     }
@@ -77,10 +75,8 @@ impl Lowered {
     }
 }
 
-/// The declaration of a resource.
 #[derive(Clone, Debug)]
 pub struct Declaration {
-    /// Place of the declaration in the file.
     pub span: Span,
     /// For `last(name)`, the resource `name`, or the half that is in front at the end of a frame; otherwise `None`.
     ///
@@ -90,7 +86,6 @@ pub struct Declaration {
     pub params: ParamSet,
 }
 
-/// An included graph.
 #[derive(Clone, Debug)]
 pub struct LoweredInclude {
     /// Name of the include, unique in the graph.
@@ -106,9 +101,7 @@ pub struct LoweredInclude {
 /// A ping-pong buffer of which a repeat uses both halves, without a swap.
 #[derive(Clone, Debug)]
 pub struct Unswapped {
-    /// The half in front.
     pub front: ResourceId,
-    /// The other half.
     pub back: ResourceId,
     /// Indices of the passes of the repeat's first two iterations.
     pub passes: [Range<usize>; 2],
@@ -117,7 +110,6 @@ pub struct Unswapped {
 /// A use that was removed with its pass or include.
 #[derive(Clone, Debug)]
 pub struct RemovedUse {
-    /// Resource that the removed pass or include would use.
     pub resource: ResourceId,
     /// Name of the removed pass or include.
     pub pass: String,
@@ -163,9 +155,7 @@ pub struct LoweredPass {
     pub size_span: Span,
     /// Places of the targets' names in the file, and then of the depth attachment's.
     pub target_spans: Vec<Span>,
-    /// The entries of `bind`.
     pub bind: Vec<LoweredBind>,
-    /// The entries of `push`.
     pub push: Vec<LoweredPush>,
     /// Names and values of the defines: the constants of the scope.
     pub defines: Rc<Vec<(String, String)>>,
@@ -199,7 +189,6 @@ pub enum LoweredSize {
     Groups(Extent),
     /// The numbers of workgroups in x, y and z are three words of a buffer.
     Indirect {
-        /// Buffer that contains the words.
         buffer: ResourceId,
         /// Byte offset of the first word.
         offset: u64,
@@ -218,25 +207,17 @@ pub struct Extent {
 /// Resources for a block: one for each element of its array, or a single one.
 #[derive(Clone, Debug)]
 pub struct LoweredBind {
-    /// The block's name.
     pub block: String,
-    /// Place of the block's name in the file.
     pub block_span: Span,
-    /// Resources to bind, one per element.
     pub resources: Vec<ResourceId>,
-    /// Place of the resource's name in the file.
     pub resource_span: Span,
 }
 
 /// The value of a push constant.
 #[derive(Clone, Debug)]
 pub struct LoweredPush {
-    /// The member's name.
     pub name: String,
-    /// Value of the member's expression.
     pub value: Value,
-    /// Place of the member's name in the file.
     pub name_span: Span,
-    /// Place of the value in the file.
     pub value_span: Span,
 }

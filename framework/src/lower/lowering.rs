@@ -48,7 +48,7 @@ pub(super) struct Lowering<'a> {
     pub histories: Vec<History>,
     /// The include of each statistic, as an index into [`Lowered::includes`].
     pub stat_includes: Vec<Option<usize>>,
-    /// The files being included, outermost first.
+    /// The requested graph's file and the files being included, outermost first.
     pub includes: Vec<FileId>,
 }
 
@@ -92,8 +92,8 @@ impl Level {
     }
 
     /// Returns true if the graph declares a resource of this name, or if an include can have it. It can if it is
-    /// removed, if any graph of its choice declares the resource, or if the name is of a nested include, which is not
-    /// searched.
+    /// removed or invalid, if any graph of its choice declares the resource, or if the name is of a nested include,
+    /// which is not searched.
     pub fn may_have(&self, name: &str) -> bool {
         let Some((include, rest)) = name.split_once('.') else { return self.handles.contains_key(name) };
         let declares = |graph: &Graph| {
@@ -105,7 +105,6 @@ impl Level {
         };
         let has = |chosen: &Rc<Chosen>| {
             let Opened { graph, others, .. } = &*chosen.opened;
-            // The includes of an include are not searched.
             rest.contains('.') || declares(graph) || others.iter().any(|other| declares(&other.graph))
         };
         self.absent.contains_key(include) || self.included.get(include).is_some_and(has)
@@ -323,7 +322,7 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    /// Returns a result without errors; adds its errors otherwise.
+    /// Unwraps a result. Adds its errors to [`Self::errors`] and returns `None` if it failed.
     pub(super) fn reported<T>(&mut self, result: Result<T, Vec<Diagnostic>>) -> Option<T> {
         result.map_err(|errors| self.errors.extend(errors)).ok()
     }

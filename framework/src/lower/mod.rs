@@ -1,9 +1,9 @@
 //! Lowers a graph: converts the tree of a graph file to a flat list of passes.
 //!
-//! A graph may be a preset of another, include graphs, repeat passes, omit passes and swap ping-pong resources.
-//! Lowering walks the tree once, in file order, and resolves all of these. The result ([`Lowered`]) has only
-//! dispatches, draws and fills over numbered resources; every expression has a value, and `front(keys)` is one definite
-//! buffer. Lowering does not read shaders; linking checks the names under `bind`.
+//! A file may be a preset of a graph, or a choice of graphs. A graph may include graphs, repeat passes, omit passes and
+//! swap ping-pong resources. Lowering walks the tree once, in file order, and resolves all of these. The result
+//! ([`Lowered`]) has only dispatches, draws and fills over numbered resources; every expression has a value, and
+//! `front(keys)` is one definite buffer. Lowering does not read shaders; linking checks the names under `bind`.
 
 mod conditions;
 mod declared;
@@ -231,11 +231,11 @@ pub fn expression_names(
 pub struct Standing {
     /// Graphs of the choice that were passed over, in order.
     pub fallbacks: Vec<Fallback>,
-    /// Unmet requirements of the last graph; empty unless no graph suits the device.
+    /// Unmet requirements of the last graph; empty unless no graph suits the facts.
     pub unmet: Vec<Unmet>,
 }
 
-/// Checks the `require` of a graph and of its unconditional includes against the facts, without lowering the graph.
+/// Checks the `require` of a graph, of its presets and unconditional includes against the facts, without lowering it.
 /// For a choice, checks its graphs in order until one suits.
 ///
 /// # Errors

@@ -26,7 +26,7 @@ pub(super) struct Resolved {
     pub skipped: Vec<SkippedUse>,
 }
 
-/// A setting from the command line: its text, and the place that errors about it point to.
+/// A setting of the request: its text, and the place that errors about it point to.
 struct Text<'a> {
     value: &'a str,
     span: Span,
@@ -229,7 +229,7 @@ fn around<'a>(
     for (level, around) in declared.around.iter().enumerate().rev() {
         let outside = &all[all.len() - 1];
         let mut inside = outside.clone();
-        // A `let` hides a parameter of the same name further out.
+        // A `let` or the variable of a repeat hides a parameter of the same name further out.
         for name in declared.unset(level) {
             if outside.contains(name) {
                 inside.to_mut().forget(name);

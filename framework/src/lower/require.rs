@@ -57,7 +57,7 @@ impl<'a> Choices<'a> {
         self.choose(file, files, 0)
     }
 
-    /// Returns every graph of the request's choice, whether its requirements hold or not; at least one.
+    /// Returns every graph of the request's choice, at least one, with its unmet requirements.
     pub fn candidates(&mut self, files: &mut SourceMap) -> Result<Vec<Chosen>, Vec<Diagnostic>> {
         let file = document::find(files, self.request.graph)?;
         let mut found = Vec::new();

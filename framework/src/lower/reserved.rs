@@ -1,5 +1,5 @@
-//! Lists the words that GLSL reserves. They cannot name a live parameter, which shaders declare as a variable, or a
-//! constant, which is a macro in shaders.
+//! Lists the words and macros that GLSL reserves. Words cannot name a live parameter, which is a variable in shaders;
+//! macros cannot name a constant, which is a macro in capitals.
 
 use crate::ir::LIVE_BLOCK;
 

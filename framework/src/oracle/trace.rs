@@ -79,7 +79,7 @@ pub struct ResourceCells {
     pub fresh: bool,
     /// True if the host writes the resource for every frame: uniform blocks, live parameters and host buffers.
     pub host_writes: bool,
-    /// True for an attribute of the scene: it is filled before the replay.
+    /// True for an attribute of the scene, which is filled before the prologue.
     pub uploaded: bool,
 }
 

@@ -109,7 +109,7 @@ fn layout_changes(
     changes
 }
 
-/// The layout changes of images before each pass, in the prologue or the frame, and in the handover.
+/// The images whose layouts change, by the pass that needs the change: just before the pass, or in the handover.
 struct Changes {
     by_pass: Vec<Vec<ResourceId>>,
     handover: Vec<Vec<ResourceId>>,

@@ -25,6 +25,7 @@ pub(super) struct Extents {
     /// The accesses of each pass by resource, in the order of first appearance. Reads of uniform blocks are left out,
     /// as are buffers of which a shader only asks for the length.
     pub passes: Vec<Vec<Group>>,
+    /// The cells of each resource, as indices into `cells`.
     pub resources: Vec<Range<usize>>,
     /// The bytes of each cell, from the start of its memory. All resources of a block start there.
     pub cells: Vec<Range<u64>>,
@@ -103,7 +104,7 @@ impl Extents {
 
 /// Returns the byte ranges of indirect arguments or of exported statistics; `None` if the access covers the whole
 /// resource.
-#[allow(clippy::single_range_in_vec_init)] // Usually a list of a single range.
+#[allow(clippy::single_range_in_vec_init)] // A list of one range is meant, not a list of its numbers.
 fn part(plan: &Plan, pass: &Pass, touch: &Use) -> Option<Vec<Range<u64>>> {
     let arguments = |buffer: ResourceId, offset: u64, bytes: u64| {
         (buffer == touch.resource && touch.stages == Stages::INDIRECT).then(|| vec![offset..offset + bytes])

@@ -26,7 +26,7 @@ pub(super) struct Life {
     pub last: usize,
     /// True if the last use is a write that no pass reads.
     ends_written: bool,
-    /// Levels of the first pass and of the last.
+    /// Levels of the first pass, and of the last that reads or writes the contents.
     levels: (u32, u32),
 }
 
@@ -80,7 +80,8 @@ pub(super) fn place(
     blocks
 }
 
-/// Returns the lifetimes within the frame; `None` for resources that are not transient, outlive a frame or are unused.
+/// Returns the lifetimes within the frame. `None` for resources that are not transient, outlive a frame, or are not
+/// written in it.
 pub(super) fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -> Vec<Option<Life>> {
     let mut lives: Vec<Option<Life>> = vec![None; resources.len()];
     let mut written = vec![false; resources.len()];
@@ -107,7 +108,8 @@ pub(super) fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -
     }
     let once = passes.iter().filter(|p| p.run == Run::Once);
     once.flat_map(|p| &p.uses).for_each(|touch| lives[touch.resource.index()] = None);
-    // Without a writer, shaders only ask for the size: aliases would wait for nothing, and images lose their layouts.
+    // Without a writer, shaders only ask for the size. An alias would have no access to wait for, and a shared image
+    // would lose its layout.
     for ((life, resource), written) in lives.iter_mut().zip(resources).zip(written) {
         if resource.source != Source::Transient || resource.history.is_some() || !written {
             *life = None;

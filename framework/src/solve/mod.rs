@@ -1,10 +1,10 @@
 //! Solves for a plan: gives the linked passes an order, memory and dependencies.
 //!
-//! Each step has a file. `order` builds the dependency graph, culls passes whose results are unused, and sorts the
-//! rest. Ties follow the order of the file, so a file always gives the same plan. `compact` drops unused resources,
-//! renumbers the others, and records their uses. `effects` finds the passes that depend on each parameter. `memory`
-//! lets resources share blocks. `dependencies` lists the accesses that must be ordered, per memory cell (cut by
-//! `extents`). `warnings` reports constructs that are probably unintended.
+//! Each step has a file. `order` builds the dependency graph, sorts the passes, and culls those whose results are
+//! unused. Ties follow the order of the file, so equal requests give equal plans. `compact` drops unused resources and
+//! shaders, renumbers the others, and records the uses of each resource. `effects` finds the passes that depend on each
+//! parameter. `memory` lets resources share blocks. `dependencies` lists the accesses that must be ordered, per memory
+//! cell (cut by `extents`). `warnings` reports constructs that are probably unintended.
 
 mod compact;
 mod dependencies;
@@ -73,7 +73,7 @@ pub fn reorder(plan: &Plan, frame: &[PassId], share_memory: bool) -> Plan {
 }
 
 /// Returns the positions in the frame at which each resource is alive. `None` for resources that are not transient,
-/// outlive a frame or are unused.
+/// outlive a frame, or are not written in it.
 pub(crate) fn lifetimes(plan: &Plan) -> impl Iterator<Item = Option<Range<usize>>> {
     let lives = memory::lives(&plan.passes, &plan.frame, &plan.resources);
     lives.into_iter().map(|life| life.map(|life| life.first..life.last + 1))
@@ -145,8 +145,6 @@ fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
 
 /// Drops histories whose contents cannot matter. They do not if no pass reads them by `last(name)`, no `Once` pass uses
 /// them, and a frame that uses them first overwrites them completely.
-///
-/// All other histories keep their contents.
 fn forget_overwritten(passes: &[&LinkedPass], lowered: &mut Lowered) {
     let mut users: Vec<Vec<&LinkedPass>> = vec![Vec::new(); lowered.plan.resources.len()];
     let mut used_once = vec![false; lowered.plan.resources.len()];

@@ -5,7 +5,7 @@
 //!   ping-pong buffer that no pass reads, or the reader comes first in the file. The reader gets the contents from
 //!   before the include.
 //! - A dispatch or a draw has a constant size of 0.
-//! - The workgroups of a dispatch are folded into y, and its shader does not number them.
+//! - The workgroups of a dispatch are folded into y, and its shader cannot tell the rows apart.
 //! - The iterations of a repeat read the same half of a ping-pong buffer and write the other: a `Swap` is missing.
 //! - A `Once` pass fills a ping-pong buffer, and each frame changes it in an odd number of steps: the next frame does
 //!   not start with the result.
@@ -98,7 +98,7 @@ fn unswapped(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Dia
             continue;
         };
         let span = passes[step].span;
-        // `idle_includes` already warns about culled passes of includes.
+        // Culled passes of includes are left to `idle_includes`.
         let told = passes[step].include.is_some() && !live[step];
         if told || found.iter().any(|other| other.primary.span == span) {
             continue;

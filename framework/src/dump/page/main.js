@@ -122,7 +122,7 @@ function showArcsOf(select) {
   else timeline.showArcs([]);
 }
 
-// Returns the timeline's elements for an item: several if it has a head and a line.
+// Returns the timeline's elements for an item, such as a barrier's head and its line.
 function elementsOf({ kind, name }) {
   let wanted = `${kind}:${name}`;
   if (kind === "pass") wanted = `pass:${timeline.columnOf.get(name)?.pass.name}`;
@@ -146,7 +146,7 @@ function showSelection() {
   if (main) reveal(main);
 }
 
-// Scrolls an element into view, but no further. The names at the left and the passes at the top cover scrolled content.
+// Scrolls an element into view, with some room. The names at the left and the passes at the top cover scrolled content.
 function reveal(element) {
   const [view, box] = [$("timeline").getBoundingClientRect(), element.getBoundingClientRect()];
   const [left, room] = [view.left + 230, 110];
@@ -244,7 +244,7 @@ document.addEventListener("keydown", (event) => {
   }
   const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
   if (!step || event.altKey || event.ctrlKey || event.metaKey) return;
-  // Move to the next item of the same kind, from the focused or else the selected one.
+  // Move to the previous or next item of the same kind, from the focused or else the selected one.
   const head = [...$("timeline").querySelectorAll(".head .column, .head .barrier")];
   const current = isControl ? event.target : state.selected && elementsOf(state.selected).find((e) => head.includes(e));
   if (!current || !head.includes(current)) return;

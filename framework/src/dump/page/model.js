@@ -9,7 +9,7 @@ const HAZARDS = {
   LayoutChange: "layout change",
 };
 
-// Okabe and Ito's palette, which is safe for colour-blind readers. https://jfly.uni-koeln.de/color/
+// Okabe and Ito's palette, safe for colour-blind readers, with grey for black. https://jfly.uni-koeln.de/color/
 const COLOURS = ["#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442", "#0072b2", "#d55e00", "#9aa0a6"];
 
 // A repeat with more passes than this is initially folded.

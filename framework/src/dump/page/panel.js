@@ -67,7 +67,7 @@ function dependencyCard(barrier, d) {
   const after = d.after.length > 0 ? d.after.map(passOf) : [quiet("not accessed before")];
   const before = [passOf(d.before)];
   let when = d.previous_frame ? "of the previous frame" : null;
-  // The waiting pass is not the one right after the barrier: it runs later, or at the start of the next frame.
+  // The waiting pass is not the one right after the barrier: it runs later, or in the next frame.
   if (barrier.before && barrier.before.name !== d.before.name) {
     const next = passes.get(d.before.name).index < passes.get(barrier.before.name).index;
     if (next && d.previous_frame) when = "of this frame";

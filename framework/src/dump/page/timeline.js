@@ -14,7 +14,6 @@ function build(node, attributes, children) {
 const h = (tag, attributes, ...children) => build(document.createElement(tag), attributes, children);
 const s = (tag, attributes, ...children) => build(document.createElementNS(SVG, tag), attributes, children);
 
-// Returns a tooltip.
 const tip = (text) => s("title", {}, text);
 
 // SVG paths in a square of 24 x 24, by the kind of pass.
@@ -365,7 +364,8 @@ class Timeline {
     const [first, last] = [resource.lifetime.first, resource.lifetime.last].map((i) =>
       this.columnOf.get(dump.passes[i].name),
     );
-    // A lifetime that spans iterations of a folded repeat covers all of the repeat's columns.
+    // In a folded repeat, a lifetime that spans iterations covers more columns: those after its first column, and all
+    // columns of the repeat if it ends there.
     const ends = [first, last];
     for (const end of ends.slice()) {
       if (end.others.length > 0 && (first.repeat !== last.repeat || crosses(resource.lifetime))) {
@@ -453,7 +453,8 @@ class Timeline {
     const height = (name) => this.rowOf.get(name)?.middle ?? 4;
     const [x1, y1] = [middle(source), height(dependency.alias?.name ?? dependency.resource.name)];
     const [x2, y2] = [middle(target), height(dependency.resource.name)];
-    // Dependencies on the previous frame have arcs that run backwards, below the lanes; all others run above.
+    // Arcs bend down if they run backwards: from the previous frame, or between iterations of a folded repeat. All others
+    // bend up.
     const back = dependency.previous_frame || x2 <= x1;
     const lift = (back ? 1 : -1) * Math.min(46, 12 + Math.abs(x2 - x1) / 9);
     const reach = (x2 - x1) / 4 + (x1 === x2 ? 26 : 0);
