@@ -334,13 +334,13 @@ impl fmt::Debug for PixelBytes {
 /// The progress of a load.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Progress<'a> {
-    /// A pipeline is about to be created.
+    /// The load creates a pipeline, or waits for it.
     Pipeline {
         /// Number of pipelines before this one. All of them are ready, created or reused.
         done: usize,
         /// Total pipelines of the plan.
         of: usize,
-        /// Shader of the next pipeline.
+        /// Shader of this pipeline; for a draw, the vertex shader.
         shader: &'a str,
     },
     /// The scene is being uploaded.

@@ -334,7 +334,8 @@ impl Sources {
         let at = at.filter(|_| self.writers.len() > 1 && !last);
         let mut before = match at {
             Some(at) => self.writers.partition_point(|w| *w < at),
-            // A single writer runs before all readers, wherever they are in the file. `last` reads what all writers left.
+            // A single writer runs before all readers, wherever they are in the file. `last` reads what all writers
+            // left.
             None => self.writers.len(),
         };
         // Every earlier write may contribute: two passes may fill two halves of a buffer.

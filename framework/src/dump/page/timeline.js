@@ -453,7 +453,7 @@ class Timeline {
     const height = (name) => this.rowOf.get(name)?.middle ?? 4;
     const [x1, y1] = [middle(source), height(dependency.alias?.name ?? dependency.resource.name)];
     const [x2, y2] = [middle(target), height(dependency.resource.name)];
-    // Arcs bend down if they run backwards: from the previous frame, or between iterations of a folded repeat. All others
+    // Arcs that run backwards bend down: from the previous frame, or between iterations of a folded repeat. All others
     // bend up.
     const back = dependency.previous_frame || x2 <= x1;
     const lift = (back ? 1 : -1) * Math.min(46, 12 + Math.abs(x2 - x1) / 9);
