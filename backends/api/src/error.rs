@@ -25,7 +25,8 @@ pub enum BackendError {
         /// Reason from the allocator or the driver.
         reason: String,
     },
-    /// The plan is inconsistent, or the inputs of a frame do not fit the plan.
+    /// The plan is inconsistent, the inputs of a frame do not fit it, or the call is wrong, such as a wait for a result
+    /// that was already taken.
     #[error("{0}")]
     Invalid(String),
     /// The scene cannot supply an attribute that the plan reads.
@@ -46,8 +47,8 @@ pub enum BackendError {
         /// The driver's result code.
         answer: String,
     },
-    /// The window's surface was lost while the device was opened, or again after it was replaced: the window or its
-    /// display is gone.
+    /// The window or its display is gone. The surface was lost while the device was opened, or again after it was
+    /// replaced.
     #[error(
         "{call} reported that the window's surface is lost: the window was closed, or its display went away"
     )]

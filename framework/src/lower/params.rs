@@ -1,4 +1,5 @@
-//! Computes the values of parameters from their declarations, presets and `--set`, and generates `live.glsl`.
+//! Computes the values of parameters from their declarations, presets, and the request's settings and capacities.
+//! Generates `live.glsl`.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
