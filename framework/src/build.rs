@@ -51,8 +51,9 @@ pub fn build(
     build_candidate(request, None, files, compiler)
 }
 
-/// Like [`build`], but builds the graph at an index of [`lower::candidates`], if one is given. An index beyond the end
-/// means the last.
+/// Builds a plan as [`build`] does, but of the graph at an index of [`lower::candidates`], if `candidate` is given.
+///
+/// An index beyond the end means the last graph.
 pub fn build_candidate(
     request: &Request,
     candidate: Option<usize>,

@@ -6,7 +6,7 @@
 //! touches a GPU.
 //!
 //! [`ir`] has the plain types that all steps share, and [`plan`] the result, which lowering begins and solving
-//! completes. Data passes through these modules in this order, and a test checks that imports follow it:
+//! completes. Data passes through these modules in this order (`app/tests/module_order.rs` checks the imports):
 //!
 //! 1. [`source`] finds and reads files, records the byte span of every element, and renders diagnostics;
 //! 2. [`expr`] parses and evaluates the expressions that a graph may contain in place of numbers;

@@ -28,11 +28,12 @@ pub struct Plan {
     pub summary: String,
     /// Names to which the requested preset or choice leads, in order, the graph's last; empty for a graph.
     pub based_on: Vec<String>,
-    /// Graphs of a choice that were rejected, in the order tried. The plan's graph is the fallback of the last one.
+    /// Graphs of a choice that were rejected, in the order tried. The plan's graph is the last one's
+    /// [`taken`](Fallback::taken).
     pub fallbacks: Vec<Fallback>,
     /// The facts that the plan was built from, by full name, such as `scene.count` or `outputs.depth`.
     pub facts: BTreeMap<String, Value>,
-    /// Parameters, in the order in which the file declares them.
+    /// Parameters: the graph's own, in the order of its file, then those that its includes expose.
     pub params: Vec<Param>,
     /// The effect of each parameter on the plan, in the order of [`Plan::params`].
     pub effects: Vec<Effect>,
@@ -53,7 +54,7 @@ pub struct Plan {
     /// Passes that run every frame, in order. The first frame follows the prologue. Between the two is the *handover*,
     /// which brings images to the layouts that they have between frames.
     pub frame: Vec<PassId>,
-    /// Passes and includes of the graph that are not in the plan: nothing reads their results, or `when` is false.
+    /// Passes and includes of the graph that are not in the plan, with the reason.
     pub culled: Vec<Culled>,
     /// Constructs of the graph that are allowed but probably unintended.
     pub warnings: Vec<Warning>,
@@ -62,7 +63,7 @@ pub struct Plan {
     pub output: ResourceId,
     /// Images requested besides the output. The export leaves them in the same layout as the output.
     pub outputs: Vec<Output>,
-    /// Outputs of included graphs, by the includers' names for them, such as `scene.picture`.
+    /// Outputs of included graphs that a pass uses, by the includers' names for them, such as `scene.picture`.
     pub pictures: Vec<Output>,
     /// Names of the images that can be requested, in the order of the graph.
     pub offered: Vec<String>,
@@ -292,10 +293,12 @@ pub struct Resource {
     pub source: Source,
     /// The memory block of a transient resource; `None` for all others.
     pub block: Option<BlockId>,
-    /// Name of the resource's history, whose contents persist across frames; `None` without a history. The next plan of
-    /// the same scene inherits the contents if it has a history of the same name and shape. That history must have no
-    /// use that this one lacks, and its prologue must only zero it. Of a ping-pong resource, only the half in front at
-    /// the end of a frame has the name.
+    /// Name of the resource's history, whose contents persist across frames; `None` without a history. Of a ping-pong
+    /// resource, only the half in front at the end of a frame has the name.
+    ///
+    /// The next plan of the same scene inherits the contents if it has a history of the same name and shape. It takes
+    /// over the memory, so its history must have no use that this one lacks, and its prologue must only zero it. A plan
+    /// that differs only in larger capacities copies the contents instead.
     pub history: Option<String>,
     /// Position of the resource's declaration in the graph's files.
     pub origin: Origin,
@@ -344,7 +347,7 @@ pub struct Dependency<P = PassId, R = ResourceId> {
     /// [`Since::Prologue`], it is the image's change in the handover, if there is one, or else that before the later
     /// pass.
     pub changes_layout: bool,
-    /// The stages and accesses of both passes.
+    /// The conflicting stages and accesses of both passes.
     #[serde(flatten)]
     pub masks: Masks,
 }

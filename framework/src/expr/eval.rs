@@ -38,7 +38,6 @@ pub(super) fn eval(node: &Node, scope: &dyn Scope) -> Result<Value, ExprError> {
     }
 }
 
-/// Returns the error for the first name that the scope does not have.
 pub(super) fn first_unknown(node: &Node, scope: &dyn Scope) -> Option<ExprError> {
     match &node.kind {
         NodeKind::Name(name) if !scope.has(name) => Some(unknown(node, name, scope)),

@@ -1,7 +1,8 @@
 //! Defines pipeline stages, memory accesses, image layouts and hazards.
 //!
 //! Names and meanings follow Vulkan's synchronization2, which is finer than Metal's model. The Vulkan backend maps
-//! them one to one; the Metal backend reduces the stages of a draw to vertex and fragment.
+//! them one to one, except that `CLEAR` becomes clear and copy. The Metal backend reduces the stages of a draw to
+//! vertex and fragment.
 
 use std::fmt;
 

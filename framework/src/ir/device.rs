@@ -52,7 +52,7 @@ pub struct DeviceFacts {
 }
 
 impl DeviceFacts {
-    /// Returns facts for plans without a device: the limits of a common desktop GPU, and all features.
+    /// Returns facts for plans without a device: limits that a common desktop GPU meets, and all features.
     ///
     /// A device with another subgroup size refuses the plan if a shader uses subgroup operations.
     pub fn typical(subgroup_size: u32) -> DeviceFacts {

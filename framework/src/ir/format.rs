@@ -110,8 +110,8 @@ pub enum Blend {
     /// Back to front, `s` premultiplied. `d.a` is the transmittance, cleared to 1: `d.rgb = s.rgb + (1 - s.a) d.rgb`,
     /// `d.a = (1 - s.a) d.a`.
     TransmittanceOver,
-    /// Front to back, `s` premultiplied. `d.a` is the transmittance, cleared to 1: `d.rgb = d.a s.rgb + d.rgb`, `d.a =
-    /// (1 - s.a) d.a`.
+    /// Front to back, `s` premultiplied. `d.a` is the transmittance, cleared to 1: `d.rgb = d.a s.rgb + d.rgb`,
+    /// `d.a = (1 - s.a) d.a`.
     TransmittanceUnder,
     /// Sums, in any order: `d = s + d`.
     Add,

@@ -20,8 +20,8 @@ pub struct Param {
     pub value: Value,
     /// The value if neither a preset nor the request sets one.
     pub default: Value,
-    /// The expression in a default or a preset that gave the value. `None` for an expression without names, a literal,
-    /// a setting, and a value raised to a capacity.
+    /// The expression in a default, a preset or an include's `set` that gave the value. `None` for an expression
+    /// without names, a literal, a setting of the request, and a value raised to a capacity.
     pub reason: Option<Reason>,
     /// The value at which the result is exact, if the graph names one.
     pub exact: Option<Value>,
@@ -108,7 +108,7 @@ pub enum ParamBinding {
     },
 }
 
-/// A set of parameters, as indices into the graph's list.
+/// A set of parameters, as indices into [`Plan::params`](crate::plan::Plan::params).
 pub type ParamSet = BTreeSet<usize>;
 
 /// The parts of a plan that depend on a parameter, directly or through other parameters, `let`s or included graphs.
@@ -125,7 +125,8 @@ pub type ParamSet = BTreeSet<usize>;
 pub struct Effect {
     /// The passes that depend on the parameter, in the plan's order.
     pub passes: Vec<PassId>,
-    /// True if a condition or a repeat count depends on the parameter, so that the value decides which passes exist.
+    /// True if the value decides which passes exist: a condition or a repeat count depends on it, or the accesses of a
+    /// culled pass do.
     pub shape: bool,
     /// Why the parameter has no effect, such as `nothing in this plan depends on it`; `None` if it has one.
     pub none: Option<String>,

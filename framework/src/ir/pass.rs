@@ -130,7 +130,7 @@ pub enum Work<S = ShaderId, G = Groups> {
         /// The buffer or image to zero.
         resource: ResourceId,
     },
-    /// Copies the statistics to the readback buffer, and makes the output readable by copies.
+    /// Copies the statistics to the readback buffer, and makes the output and the requested outputs readable by copies.
     Export,
     /// Marks the point where the host reads the statistics. No device command.
     Host,
@@ -290,7 +290,7 @@ impl<R> Use<R> {
 pub struct Culled {
     /// Name of the pass or include.
     pub pass: String,
-    /// The reason: a `when` is false, or nothing reads the pass's results.
+    /// The reason: a `when` is false, the count of a `Repeat` is 0, or nothing reads the pass's results.
     pub why: String,
     /// Position of the declaration.
     #[serde(rename = "declared")]

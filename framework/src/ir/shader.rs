@@ -13,7 +13,7 @@ pub struct Shader {
     pub name: String,
     /// Path of the file that was found for the name, for messages: `shaders/sort/scatter.comp (built in)`.
     pub path: String,
-    /// Names and values of the defines that the shader's text mentions.
+    /// Names and values of the defines that the shader or its includes mention.
     pub defines: Vec<(String, String)>,
     /// SPIR-V code, in 32-bit words.
     pub spirv: Arc<Vec<u32>>,
@@ -109,7 +109,7 @@ pub struct Reflection {
     /// True if the code uses `gl_Position`. Without a position, what a vertex shader draws is undefined.
     pub uses_position: bool,
     /// True if the code uses `gl_WorkGroupID` or `gl_GlobalInvocationID`, and not `gl_NumWorkGroups`. It then cannot
-    /// tell apart the rows of a dispatch that is folded into y.
+    /// compute its index in a dispatch that is folded into y; see [`Groups::Direct`](super::Groups::Direct).
     pub ignores_rows: bool,
     /// Optional device features that the module requires.
     pub features: Features,
@@ -206,7 +206,7 @@ pub struct Member {
     pub offset: u32,
     /// 32-bit scalar type, or `Other`.
     pub kind: MemberKind,
-    /// True if the code may read the member.
+    /// True if the code may read the member; always true for words.
     pub used: bool,
 }
 

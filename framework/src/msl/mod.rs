@@ -8,7 +8,8 @@
 //!
 //! - `MTLCompileOptions` of [`VERSION`] without fast math, so that NaN and the order of operations stay. It does not
 //!   prevent contraction, which only `precise` does;
-//! - a pipeline whose `threadExecutionWidth` is the plan's subgroup size, because the text contains it as a constant;
+//! - for a shader with subgroup operations, a pipeline whose `threadExecutionWidth` is the plan's subgroup size: the
+//!   text contains it as a constant;
 //! - buffers with the push constants and sizes at the indices [`Msl::push`] and [`Msl::sizes`];
 //! - no flip of the y axis: the vertex function returns positions with y upwards, as in Metal's clip space.
 

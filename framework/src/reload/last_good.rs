@@ -23,7 +23,7 @@ pub struct LastGood<P, E> {
     newest: Attempt,
     /// Earliest time to show an error of the newest attempt; `None` to show it at once.
     patient_until: Option<Instant>,
-    /// The visible error and its attempt. It is kept while newer attempts are running.
+    /// The error that was visible when a newer attempt began, with its attempt.
     shown: Option<(Attempt, E)>,
     /// Error of the newest attempt, delayed until `patient_until`.
     kept_back: Option<E>,

@@ -349,7 +349,7 @@ pub enum ResourceDecl {
     Image {
         /// A format: its name in GLSL (`rgba16f`), `depth32f`, or an expression with such a value.
         format: Expression,
-        /// Width and height in pixels.
+        /// Width and height in pixels, 1 to 32768.
         size: (Number, Number),
         /// True to keep the contents from frame to frame, as for buffers. After a change of size, the first frame reads
         /// zeros.

@@ -1,9 +1,9 @@
 //! Finds files by name and keeps their texts, which spans refer to.
 //!
-//! A name is looked up in three places, in this order: in memory (texts from tests and editors), on disk, and among the
-//! files built into the binary. Paths in memory and in the binary are relative to the repository: graphs are in
-//! `pipelines/`, shaders in `shaders/`. On disk, these two folders are searched around the referring file, so that a
-//! copied graph finds the shaders that were copied with it.
+//! A name is looked up in three places, in this order: in memory ([`Library::memory`]), on disk, and among the files
+//! built into the binary. Paths in memory and in the binary are relative to the repository: graphs are in `pipelines/`,
+//! shaders in `shaders/`. On disk, these two folders are searched around the referring file, so that a copied graph
+//! finds the shaders that were copied with it. An unsaved text of an editor replaces its file on disk.
 //!
 //! Graphs are untrusted: the files that they name are read, and diagnostics quote them. These files must therefore,
 //! with links followed, be in the graph's own folders ([`Roots`]) or in one of [`Library::include_roots`].
@@ -205,7 +205,8 @@ impl SourceMap {
     /// `from` is the file that refers to `name`, or `None` for the command line. The folder of a kind is `pipelines` or
     /// `shaders`. The first existing file is returned, of:
     ///
-    /// 1. In memory: beside `from`, at `name`, and in the folder of `kind`.
+    /// 1. In memory: beside `from`, beside the part of its path from the innermost `pipelines` or `shaders` on, at
+    ///    `name`, and in the folder of `kind`.
     /// 2. On disk, if `from` is on disk: beside `from`. Then in two folders of `kind`: next to the innermost
     ///    `pipelines` or `shaders` folder around `from`, and next to the folder that contains `from`.
     /// 3. On disk, if `from` is `None`: at `name`, and in the folder of `kind`.
@@ -502,7 +503,7 @@ impl SourceMap {
         let built_in = self.library.builtin.iter().map(|(path, _)| *path);
         for path in self.library.memory.keys().map(String::as_str).chain(built_in) {
             let in_folder = path.strip_prefix(kind.folder()).and_then(|rest| rest.strip_prefix('/'));
-            // A name without a folder can be of either kind; a path into the other kind's folder cannot.
+            // A file outside of all folders can be of either kind; one in the other kind's folder cannot.
             if let Some(short) = in_folder.or((!path.contains('/')).then_some(path)) {
                 offer(short);
             }

@@ -22,7 +22,7 @@ pub struct Outline {
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     pub place: Range<usize>,
-    /// Short span for diagnostics: the name before the parenthesis, or the opening bracket.
+    /// Short span for diagnostics: the name before the parenthesis, or the opening bracket. Other elements: all of it.
     pub head: Range<usize>,
     /// Span of the field name or map key before the element; `None` for elements of lists.
     pub key: Option<Range<usize>>,

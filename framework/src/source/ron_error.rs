@@ -270,7 +270,7 @@ impl Translator<'_> {
             .with_help(format!("leave out `{name}:`"))
     }
 
-    /// Like [`Self::wrong_kind`], for a value that was read only in part.
+    /// Returns the error for a value of the wrong type that was read only in part.
     fn wrong_kind_before(&self, wanted: &str) -> Diagnostic {
         let place = self.value_at_cursor();
         let message = format!("expected {wanted}, found `{}`", &self.text[place.clone()]);

@@ -418,7 +418,7 @@ fn raw_text_ahead(rest: &str) -> bool {
     rest.trim_start_matches('#').starts_with('"')
 }
 
-// Accepts every non-ASCII character: the `ron` crate checks these.
+// Accepts every non-ASCII character except white space: the `ron` crate checks them.
 fn starts_identifier(c: char) -> bool {
     c == '_' || c.is_ascii_alphabetic() || !c.is_ascii() && !is_space(c)
 }

@@ -16,7 +16,7 @@ pub struct Patience {
     pub moving: Duration,
     pub gone: Duration,
     pub gather: Duration,
-    /// Minimum interval between polls of all files; slow polls are less frequent.
+    /// Minimum interval between looks at all files; slow looks are less frequent.
     pub interval: Duration,
     /// Returns the contents of a path.
     pub content: fn(&Path) -> Content,
@@ -49,7 +49,7 @@ struct Pending {
     /// True if the file is missing or empty; `gone_since` is when this last changed.
     gone: bool,
     gone_since: Instant,
-    /// Time since which all looks showed these contents.
+    /// Time since which all looks gave this `glance`.
     steady_since: Instant,
     glance: Glance,
 }

@@ -45,8 +45,8 @@ pub(super) fn features(module: &Module, accesses: &Accesses) -> Result<Features,
     Ok(needed | of_code(module, int64_atomics)?)
 }
 
-/// Returns the features of a capability; `None` if no backend enables it. Empty if every device has it or [`of_code`]
-/// decides.
+/// Returns the features of a capability; `None` if no backend enables it, and for `Int64Atomics`, which the caller
+/// handles. Empty if every device has it or [`of_code`] decides.
 ///
 /// Source: the table of capabilities in the appendix "Vulkan Environment for SPIR-V" of the Vulkan specification.
 fn of_capability(capability: Capability) -> Option<Features> {

@@ -50,7 +50,7 @@ impl Place {
 struct Walk<'a> {
     module: &'a Module,
     words: &'a mut Vec<Member>,
-    /// Number of parts that were visited.
+    /// Number of parts visited, which is limited because many parts can share a word or have none.
     parts: usize,
 }
 
@@ -112,7 +112,7 @@ impl Walk<'_> {
                 let (kind, bits) = (scalar(kind), u64::from(*bits));
                 Ok(self.push(kind, bits / 8, place))
             }
-            // A pointer to a buffer.
+            // Not in a valid block: `Module::parse` rejects pointers to buffers.
             _ => Ok(self.push(MemberKind::Other, 8, place)),
         }
     }
