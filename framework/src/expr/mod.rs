@@ -83,7 +83,7 @@ impl Expr {
         self.root.texts(texts)
     }
 
-    /// Lists the values of the largest subexpressions that need no name: 49152 and 2 for `48 << 10 < 2 * n`.
+    /// Lists the values of the largest subexpressions that need no name. They are 49152 and 2 for `48 << 10 < 2 * n`.
     pub fn constants(&self) -> Vec<Value> {
         let mut found = Vec::new();
         eval::collect_constants(&self.root, &mut found);

@@ -125,7 +125,7 @@ pub type ParamSet = BTreeSet<usize>;
 pub struct Effect {
     /// The passes that depend on the parameter, in the plan's order.
     pub passes: Vec<PassId>,
-    /// True if the value decides which passes exist: a condition or a repeat count depends on it, or the accesses of a
+    /// True if the value decides which passes exist. A condition or a repeat count depends on it, or the accesses of a
     /// culled pass do.
     pub shape: bool,
     /// Why the parameter has no effect, such as `nothing in this plan depends on it`; `None` if it has one.

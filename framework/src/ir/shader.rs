@@ -143,7 +143,7 @@ pub struct ReflectedBinding {
     pub atomics: bool,
     /// True if every load and store is atomic, so that invocations do not race.
     pub atomics_only: bool,
-    /// True if the first access in the code is a store without a read, as when a shader first clears counters.
+    /// True if the first access in the code is a store without a read, such as one that clears counters.
     pub writes_first: bool,
     /// Type of a block's 32-bit scalars, also in vectors, matrices, arrays and structs. `Other` for images, and for
     /// blocks that contain scalars of several types or of another size.
@@ -199,8 +199,8 @@ impl PushBlock {
 /// A member of a uniform or push-constant block, or a 32-bit word of a storage block.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Member {
-    /// Name of the member in GLSL; for a word, its place in the block or in the array's element, such as `root.x`.
-    /// Empty for the elements of an array of scalars.
+    /// Name of the member in GLSL. For a word, its place in the block or in the array's element, such as `root.x`; empty
+    /// for the elements of an array of scalars.
     pub name: String,
     /// Byte offset from the start of the block.
     pub offset: u32,

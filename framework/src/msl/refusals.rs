@@ -1,7 +1,7 @@
 //! Finds code that Metal cannot run although SPIRV-Cross translates it, in the words of the SPIR-V.
 //!
-//! Below version 3.2, Metal's language has relaxed atomics only, and orders memory only at barriers, between the threads
-//! of a threadgroup. SPIRV-Cross drops any other order without an error. Apple's compiler refuses more than
+//! Below version 3.2, Metal's language has relaxed atomics only, and orders memory only at barriers, between the
+//! threads of a threadgroup. SPIRV-Cross drops any other order without an error. Apple's compiler refuses more than
 //! [`Msl::MAX_READ_WRITE_TEXTURES`] textures that a function may both read and write.
 
 use std::collections::{HashMap, HashSet};

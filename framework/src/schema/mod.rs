@@ -106,7 +106,8 @@ pub struct Graph {
     pub resources: IndexMap<String, ResourceDecl>,
     /// Passes, in order.
     pub passes: Vec<PassDecl>,
-    /// 32-bit words to read back after each frame, each as a buffer and a byte offset. An includer inherits them.
+    /// 32-bit words to read back after each frame, each as a buffer and a byte offset, a multiple of 4. An includer
+    /// inherits them under the same names.
     #[serde(default)]
     pub stats: IndexMap<String, (Reference, Number)>,
     /// The output image; an includer refers to it as `include.picture`. A graph made only for includes needs none.
@@ -495,7 +496,7 @@ pub enum Size {
     Threads(Extent),
     /// This many workgroups.
     Groups(Extent),
-    /// Three words of a buffer, at a byte offset: the numbers of workgroups in x, y and z.
+    /// Three 32-bit words of a buffer, at a byte offset (a multiple of 4): workgroups in x, y and z.
     Indirect(Reference, Number),
 }
 
@@ -539,8 +540,8 @@ pub enum Call {
         /// Number of instances.
         instances: Number,
     },
-    /// Four words of a buffer, at a byte offset: vertices, instances, first vertex, first instance. The last must be 0
-    /// on a device without Vulkan's `drawIndirectFirstInstance`.
+    /// Four 32-bit words of a buffer, at a byte offset (a multiple of 4): vertices, instances, first vertex, first
+    /// instance. The last must be 0 on a device without Vulkan's `drawIndirectFirstInstance`.
     Indirect(Reference, Number),
 }
 

@@ -20,7 +20,7 @@ pub(super) fn slashed(path: &Path) -> String {
     if cfg!(windows) { text.replace('\\', "/") } else { text.into_owned() }
 }
 
-/// Returns the length of an absolute path's root, such as `/`, or on Windows `C:/` and `//`; 0 for a relative path.
+/// Returns the length of a path's root: `/`, or on Windows also `C:/` and `//`; 0 for a relative path.
 fn root_length(path: &str) -> usize {
     match path.as_bytes() {
         [b'/', b'/', ..] if cfg!(windows) => 2,

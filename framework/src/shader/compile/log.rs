@@ -24,7 +24,7 @@ const WORKGROUP: &str = "gl_MaxComputeWorkGroupSize";
 
 /// Messages of glslang for a second declaration of a name.
 const SECOND: [&str; 3] = ["redefinition", "function already has a body", "Cannot reuse block name"];
-/// The end of glslang's message for a member of a block without a name, such as that of the live parameters.
+/// The end of glslang's message for a member of a block without a name, such as the live block.
 const MEMBER_TAKEN: &str = "already has a name at global scope";
 /// The start of glslang's message for a call of a variable.
 const NO_FUNCTION: &str = "function call, method";

@@ -1,4 +1,4 @@
-//! Lists the 32-bit words of a storage block with their names and types, so that tools can show a buffer's contents.
+//! Lists the 32-bit words of a storage block with names and types, for tools that show a buffer's contents.
 
 use super::module::{Module, Type};
 use crate::ir::{Member, MemberKind};
