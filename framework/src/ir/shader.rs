@@ -199,8 +199,8 @@ impl PushBlock {
 /// A member of a uniform or push-constant block, or a 32-bit word of a storage block.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Member {
-    /// Name of the member in GLSL. For a word, its place in the block or in the array's element, such as `root.x`; empty
-    /// for the elements of an array of scalars.
+    /// Name of the member in GLSL. For a word, its place in the block or in the array's element, such as `root.x`;
+    /// empty for the elements of an array of scalars.
     pub name: String,
     /// Byte offset from the start of the block.
     pub offset: u32,
