@@ -2,7 +2,7 @@
 //!
 //! `cargo bench -p splatgraph --bench reload [-- --device NAME] [--scene SCENE.ply] [--size WxH] [--runs N]` draws a
 //! copy of the preset `splat` without a window, and changes its files and a parameter. The viewer measures the time:
-//! from the notice of the save to the end of the new plan's first frame on the device.
+//! from the notice of the save, or the change of the parameter, to the end of the new plan's first frame on the device.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 

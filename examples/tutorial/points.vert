@@ -16,7 +16,7 @@ void main() {
     vec3 at = (camera.view * vec4(p.x, p.y, p.z, 1.0)).xyz;
     vec2 corner = vec2(gl_VertexIndex & 1, gl_VertexIndex >> 1) * 2.0 - 1.0;
     vec2 pixel = camera.focal.xy * at.xy / at.z + 0.5 * camera.viewport.xy + camera.principal.xy + radius * corner;
-    // Splats behind the near plane are clipped.
+    // Splats nearer than the near plane are clipped.
     float depth = at.z > camera.depth.x ? 0.0 : -1.0;
     gl_Position = vec4(2.0 * pixel * camera.viewport.zw - 1.0, depth, 1.0);
 }

@@ -26,7 +26,7 @@ def picture(value: Any, name: str, shape: Sequence[int | None]) -> np.ndarray:
     """Returns a picture as `array` does, in float32. Values of uint8 and uint16 are divided by their maximum, which is white.
 
     Other integers raise a TypeError, because it is unknown which value is white. Floats that are 8-bit values raise a ValueError, and floats
-    of which most are above white cause a UserWarning.
+    of which most (not counting zeros) are above white cause a UserWarning.
     """
     found = _found(value, name, shape)
     if found.dtype.kind not in "iu":

@@ -1,7 +1,7 @@
 """gsplat's `rasterization`, drawn by splatgraph.
 
-gsplat's rules differ in two numbers from the published rasteriser's, which the graphs follow by default: the near plane is a parameter,
-and a fragment's alpha is capped at 0.999. The alpha cap is also a parameter of the graphs. For the near plane, the world is scaled so that
+gsplat's rules differ in two numbers from the published rasteriser's, which the graphs follow by default: the near plane is an argument,
+and a fragment's alpha is capped at 0.999. The alpha cap is a parameter of the graphs. The near plane is not: the world is scaled so that
 `near_plane` is at the graphs' own near plane; the picture is the same at any scale. Other camera models are the graphs' projections, with
 gsplat's order: by z, not by the distance from the camera.
 """

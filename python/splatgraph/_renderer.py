@@ -119,7 +119,7 @@ def pair_of_sides(size: Any, name: str) -> tuple[int, int]:
 #: How to change attributes that cannot be assigned.
 _CHANGES = {"scene": "show(scene)", "pipeline": "use(pipeline)", "params": "set(name=value)"}
 
-#: Renderers with a running thread, which must end before the interpreter does.
+#: All renderers: their threads must end before the interpreter does.
 _open: weakref.WeakSet[Renderer] = weakref.WeakSet()
 
 
@@ -186,8 +186,9 @@ class Renderer:
         """Draws a picture: display-encoded colours, float32 [height, width, 3], row 0 at the top, not clamped.
 
         With `outputs`, returns the picture and a dict of the graph's other outputs: arrays [height, width], or [height, width, 3] for
-        "normal". The built-in graphs have "alpha", "depth", "expected_depth", "median_depth", "normal", and, as uint32,
-        "contributors" and "index"; docs/splatting.md defines them. Pictures with other outputs than the last one need a new plan.
+        "normal". The built-in graphs have "alpha", "depth" and "expected_depth"; those that draw in tiles, as `auto` does on most devices,
+        also have "median_depth", "normal", and, as uint32, "contributors" and "index". docs/splatting.md defines them. Pictures with other
+        outputs than the last one need a new plan.
 
         State, such as histories, and `camera.frame` continue from call to call; a new Renderer starts anew.
 

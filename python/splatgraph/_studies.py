@@ -72,7 +72,7 @@ class Line:
 class Ledger:
     """What each setting of a graph saves and costs. `str(ledger)` is the command line's table."""
 
-    #: One for each setting.
+    #: One for each setting that is not in `failed`.
     lines: tuple[Line, ...]
     #: Names of settings that cannot be drawn, or are not measured in every view, with the reason.
     failed: dict[str, str]
@@ -180,8 +180,8 @@ def trade(
         rounds: maximum number of rounds of frames; with fewer than 8 frames in all rounds, all differences in time count as noise.
         frames: frames per round; by default 1 to 3, from the frame time.
         file: path of a ledger.json, which grows with each row and from which an interrupted study resumes. The result has all of its
-            rows. A file that is not a ledger is refused, and so is one whose rows were measured with another scene, graph, device, program
-            or effort, or with other cameras.
+            rows. A file that is not a ledger is refused, and so is one whose rows were measured with another scene, graph, truth or effort,
+            or with other cameras. A ledger of another device or program is kept under another name, and all settings are measured again.
         progress: called with (task, done, of, step), for example `print`.
         backend: "vulkan" or "metal".
         device: a part of the device's name, or its index in `splatgraph devices`.

@@ -177,7 +177,7 @@ class Run:
     def _finished(self, reference: Any) -> None:
         worker = next((worker for worker, own in self.workers.items() if reference in own), None)
         if worker is None:
-            # The worker died before this batch began.
+            # Its worker is gone, and the batch was reassigned.
             return
         running = self.workers[worker][reference]
         scene = running.scene
@@ -202,7 +202,7 @@ class Run:
             self._retry(scene, view, reason)
 
     def _bury(self, worker: Any, reason: str | None) -> None:
-        """Removes a worker and reassigns its batches. `reason` is why it died; None if it could not open the scene.
+        """Removes a worker and reassigns its batches. `reason` is why it died; None if its task failed, as if the scene cannot be opened.
 
         If it died in a batch of one view, this counts as an attempt of the view.
         """

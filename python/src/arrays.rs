@@ -29,7 +29,8 @@ pub struct Array<T> {
     pub shape: Vec<usize>,
 }
 
-/// Copies an array of `shape`, in which `None` is any length. Converts other objects with `splatgraph/_arrays.py`.
+/// Copies an array of `shape`, in which `None` is any length. `splatgraph/_arrays.py` converts the objects of other
+/// libraries, and other types of numbers.
 ///
 /// # Errors
 /// `TypeError` if `value` is no array of numbers, and `ValueError` for another shape, an array on a device, or an array
@@ -45,7 +46,8 @@ pub fn take<T: Number>(value: &Bound<'_, PyAny>, name: &str, shape: &[Option<usi
 /// Copies a picture [height, width, 3] as floats, with 1 for white. `size` is the required width and height, or `None`.
 ///
 /// # Errors
-/// Those of [`take`], and `TypeError` for integers other than uint8 and uint16.
+/// Those of [`take`], `TypeError` for integers other than uint8 and uint16, and `ValueError` for floats that are 8-bit
+/// values.
 pub fn take_picture(value: &Bound<'_, PyAny>, name: &str, size: Option<(usize, usize)>) -> PyResult<Image> {
     let py = value.py();
     let convert = py.import("splatgraph._arrays")?.getattr("picture")?;

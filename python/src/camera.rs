@@ -129,8 +129,8 @@ impl Camera {
         Ok(Camera(camera.in_world(scene.offset())))
     }
 
-    /// Loads cameras: a `cameras.json`, a `transforms.json`, a `camera_path.json`, a glTF file, or a folder with one
-    /// of the first two or with COLMAP's files.
+    /// Loads cameras: a `cameras.json`, a `transforms.json`, a `camera_path.json`, a glTF file, a file of COLMAP's
+    /// model, or a folder with a `cameras.json`, `transforms*.json` or COLMAP's model.
     ///
     /// Lenses with distortion are refused. With `ignore_distortion`, they become ideal lenses, whose pictures do not
     /// match the photographs.
@@ -147,6 +147,9 @@ impl Camera {
     }
 
     /// Writes cameras to a `cameras.json`.
+    ///
+    /// Raises:
+    ///     SceneError: the file cannot be written.
     #[staticmethod]
     fn save(cameras: Vec<PyRef<'_, Camera>>, path: PathBuf) -> PyResult<()> {
         let cameras: Vec<_> = cameras.iter().map(|camera| camera.0.clone()).collect();

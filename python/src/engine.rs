@@ -192,7 +192,8 @@ impl Engine {
         errors::to_python(py, &info)
     }
 
-    /// Ends the thread and closes the device, after the requested pictures are done. Does nothing in a fork.
+    /// Ends the thread and closes the device, after the requested pictures are done. In a fork, which lacks the thread,
+    /// only refuses later calls.
     fn close(&self, py: Python<'_>) {
         let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(Thread { requests, handle, owner }) = thread {

@@ -13,7 +13,7 @@ type Ran = (Vec<usize>, Vec<usize>, Vec<(usize, String)>);
 
 /// The views of a command line: `render`, `trade`, `sweep` or `evaluate` with its arguments.
 ///
-/// The first views load the scene and open the device; later views reuse both.
+/// The first views load the scene and open the device; later views reuse both, unless a view fails.
 #[pyclass(frozen, module = "splatgraph._native")]
 pub struct Job {
     /// The job; `None` once closed.

@@ -56,7 +56,8 @@ impl Scene {
     /// Makes a scene from arrays: objects with `__dlpack__`, or any that numpy converts.
     ///
     /// Args:
-    ///     means: centres in world units, [N, 3]. If they are float64 and far from 0, the scene gets an `offset`.
+    ///     means: centres in world units, [N, 3]. If they are float64 and far from 0 (by more than 512 units), the
+    ///         scene gets an `offset`.
     ///     quats: rotations w, x, y, z, of any length but 0, [N, 4].
     ///     scales: standard deviations along the axes in world units (not their logarithms), [N, 3].
     ///     opacities: opacities at the centre, 0 to 1 (not their logits), [N].
@@ -225,14 +226,15 @@ impl Scene {
         Ok(found)
     }
 
-    /// Highest band of spherical harmonics with a coefficient other than 0 in any splat.
+    /// Highest band of spherical harmonics with a coefficient other than 0 in a splat that can be visible, with an
+    /// opacity of 1/255 or more.
     #[getter]
     fn sh_degree(&self) -> u32 {
         self.0.effective_degree()
     }
 
-    /// World coordinates of the origin, float64. 0 unless the file's or the array's coordinates exceed the precision of
-    /// float32.
+    /// World coordinates, float64 [3], of the point that `means` are relative to. Not 0 only for positions of more
+    /// precision than float32 that are far from 0, such as those of surveys.
     #[getter]
     fn offset(&self) -> [f64; 3] {
         self.0.offset()

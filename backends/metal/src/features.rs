@@ -22,7 +22,7 @@ pub struct ReportedLimits {
 }
 
 impl ReportedLimits {
-    /// Assumed limits of a small Mac of family Apple 7, for plans built without a device.
+    /// Assumed limits of a small Mac of family Apple 7, for tests.
     pub const APPLE_7: ReportedLimits = ReportedLimits {
         max_buffer_bytes: 4 << 30,
         threadgroup_bytes: 32 << 10,

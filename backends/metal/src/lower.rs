@@ -32,7 +32,7 @@ pub struct ArgumentSlot {
     pub texture: bool,
     /// The index in the table.
     pub index: u32,
-    /// True if the shader needs the buffer's size, passed as word `index` of the buffer of sizes.
+    /// True for a buffer of a shader that takes a buffer of sizes ([`Msl::sizes`]); its size is word `index` there.
     pub sized: bool,
 }
 

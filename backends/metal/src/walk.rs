@@ -169,7 +169,8 @@ impl Walk {
     /// Returns the fences that a pass's encoder updates. Empty before the first pass is announced, and for a pass
     /// without an encoder.
     ///
-    /// Commands that are added to this pass must wait for these fences and update them again.
+    /// An encoder that reads the pass's results later, such as the draw into a window, must wait for these fences and
+    /// update them again.
     pub fn updates<'a>(&self, walked: &'a Walked, pass: PassId) -> &'a [FenceUse] {
         let Some(divided) = self.division.map(|division| walked.of(division)) else { return &[] };
         divided.places[pass.index()].map_or(&[], |(index, _)| &divided.encoders.encoder(index).updates)

@@ -19,7 +19,7 @@ const MIN_COSINE: f64 = 1e-3;
 /// The map from view space to the image of one camera.
 pub(crate) struct Lens {
     projection: Projection,
-    /// Pixels per unit of the projection.
+    /// Pixels per unit of x / z (pinhole), per world unit (orthographic) or per radian (others): [`Camera::focal`].
     focal: [f64; 2],
     size: [f64; 2],
     /// Principal point, in pixels right and down from the image's centre: [`Camera::principal_offset`].
@@ -75,9 +75,10 @@ impl Lens {
         })
     }
 
-    /// Returns the rows of the Jacobian: the derivative of [`Lens::pixel`] with respect to the point. For a pinhole, x
-    /// / z and y / z are clamped by [`Rules::jacobian_clamp`] (`computeCov2D` in forward.cu), as far beyond each edge
-    /// of the picture as with the principal point in the middle.
+    /// Returns the rows of the Jacobian: the derivative of [`Lens::pixel`] with respect to the point.
+    ///
+    /// For a pinhole, `x / z` and `y / z` are clamped by [`Rules::jacobian_clamp`] (`computeCov2D` in forward.cu), as
+    /// far beyond each edge of the picture as with the principal point in the middle.
     pub(crate) fn jacobian(&self, p: [f64; 3]) -> [[f64; 3]; 2] {
         let [x, y, z] = p;
         let [fx, fy] = self.focal;

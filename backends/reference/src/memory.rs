@@ -1,4 +1,4 @@
-//! Refuses pictures that do not fit in memory, before any of it is allocated.
+//! Refuses pictures that do not fit in memory, before anything is allocated for them.
 
 use crate::gaussian::Splats;
 use crate::mesh::Surface;

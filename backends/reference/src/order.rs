@@ -13,6 +13,7 @@ pub(crate) struct View {
     eye: DVec3,
     /// Elements 2, 6, 10 and 14 of the rasteriser's matrix: the view direction, and the translation along it.
     depth_row: [f32; 4],
+    /// True if f32 is too coarse for the scene's positions.
     wide: bool,
     /// True if the camera sees splats behind it. The near plane is then a sphere, if splats are sorted by distance.
     sees_behind: bool,
@@ -38,7 +39,7 @@ impl View {
     ///
     /// In f32 it is `fma(m10, z, fma(m6, y, m2 * x)) + m14`, the order in which the rasteriser's compiler contracts
     /// `transformPoint4x3` (cuda_rasterizer/auxiliary.h), so that the same splats tie. The rasteriser does not handle
-    /// positions beyond f32's precision: their depth is computed in f64, then rounded.
+    /// scenes for which f32 is too coarse ([`Splats::is_wide`]): their depths are computed in f64, then rounded.
     pub(crate) fn depth(&self, p: [f64; 3], rule: Depth) -> f64 {
         match rule {
             Depth::F64 => self.point(p)[2],
@@ -51,7 +52,7 @@ impl View {
         }
     }
 
-    /// Computes a splat's sort key, by the rules. `None` if it is not beyond the near plane.
+    /// Computes a splat's sort key, view depth or distance, by the rules. `None` if it is not beyond the near plane.
     pub(crate) fn key(&self, p: [f64; 3], rules: &Rules) -> Option<f64> {
         let distance = || DVec3::from(p).distance(self.eye);
         let depth = self.depth(p, rules.depth);

@@ -285,7 +285,7 @@ mod tests {
             };
             let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (200, 160));
             let found = project(&[splat] as &[Gaussian], 0, &camera, &Rules::PUBLISHED).expect("it is in the picture");
-            // Computes the 3D covariance by rotating each axis with quaternion products.
+            // Rotates and projects each axis by itself, without the products of matrices.
             let [w, x, y, z] = splat.rotation;
             let rotate = glam::DQuat::from_xyzw(x, y, z, w);
             let axes = [glam::DVec3::X, glam::DVec3::Y, glam::DVec3::Z];

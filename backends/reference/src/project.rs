@@ -6,8 +6,8 @@
 //!
 //! - the determinant is `|r0 x r1|^2 + l (|r0|^2 + |r1|^2) + l^2`, with `r0`, `r1` the rows of `M` (Cauchy-Binet), a
 //!   sum of positive terms. `a c - b^2` is a small difference of large numbers;
-//! - the exponent is a sum of two squares, from the Cholesky factor of the covariance, so it is never positive. (The
-//!   rasteriser skips exponents above 0: in exact arithmetic there are none.)
+//! - the exponent is minus half a sum of two squares, from the Cholesky factor of the covariance, so it is never
+//!   positive. (The rasteriser skips exponents above 0: in exact arithmetic there are none.)
 
 use crate::gaussian::{Gaussian, Splats};
 use crate::harmonics;
@@ -59,7 +59,7 @@ pub(crate) fn visible_count(splats: &(impl Splats + ?Sized), camera: &Camera, ru
 /// The falloff and the colour of a splat on the image.
 #[derive(Clone, Debug)]
 pub(crate) struct Footprint {
-    /// Centre, in pixels; pixel (0, 0) is sampled at its integer position.
+    /// Centre, in pixels; pixels are sampled at integer positions, the first at (0, 0).
     pub center: [f64; 2],
     /// Coefficients of the exponent `-0.5 ((u dx)^2 + (v (dy - s dx))^2)`, with `d` the offset from the centre.
     u: f64,
@@ -106,7 +106,7 @@ impl Footprint {
         let dy = y - self.center[1];
         let (p, q) = (self.u * dx, self.v * (dy - self.s * dx));
         let exponent = -0.5 * (p * p + q * q);
-        // Skip the exponential if the test below would fail anyway.
+        // Outside the extent, or so far from the centre that the test below would fail: no exponential is needed.
         if exponent < self.cutoff {
             return None;
         }

@@ -7,7 +7,7 @@ use serde::Serialize;
 use splatgraph_assets::{Camera, Filter, Scene, SortKey};
 use std::str::FromStr;
 
-/// All rules in which renderers of a scene can differ. Lengths on the image are in pixels.
+/// The rules of the exact renderer. Lengths on the image are in pixels.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rules {
     /// Near plane, in world units: splats and mesh at this view depth or nearer are not drawn. Cameras that see behind
@@ -32,7 +32,7 @@ pub struct Rules {
     pub color_ceiling: Option<f64>,
     /// Sort key of the splats: view depth or distance.
     pub key_of: KeyOf,
-    /// The precision of the depth for culling and sorting.
+    /// The precision of depths and distances for culling and sorting.
     pub depth: Depth,
     /// The order of splats with equal depths.
     pub ties: Ties,
@@ -134,8 +134,9 @@ pub enum LowPass {
     None,
     /// Adds this variance, in square pixels, to the diagonal of the 2D covariance.
     Dilate(f64),
-    /// Dilates as `Dilate` does, and multiplies the opacity by sqrt(det / det') to conserve the splat's energy. Source:
-    /// Mip-Splatting, Yu et al., CVPR 2024, equation 9.
+    /// Dilates as `Dilate` does, and multiplies the opacity by sqrt(det / det'), the determinants of the 2D covariance
+    /// before and after, to conserve the splat's energy. Source: the 2D Mip filter of Mip-Splatting, Yu et al., CVPR
+    /// 2024.
     Compensated(f64),
 }
 
@@ -224,11 +225,11 @@ impl From<SortKey> for KeyOf {
     }
 }
 
-/// The precision of view depths.
+/// The precision of sort keys.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum Depth {
-    /// Positions and matrix are rounded to f32 first, as in the rasteriser. If f32 is too coarse for the positions, the
-    /// depth is computed in f64 and then rounded. So are distances.
+    /// View depths are computed in f32, in the rasteriser's order of operations. Distances, and view depths of
+    /// positions for which f32 is too coarse, are computed in f64 and then rounded to f32.
     F32,
     /// Computed in f64, for scenes with depths that f32 cannot distinguish.
     F64,

@@ -25,7 +25,7 @@ pub struct MetalGpu {
     pub(crate) common: Common,
     pub(crate) builtin: Builtin,
     pub(crate) surface: Option<Surface>,
-    /// The timestamp counters; `None` if encoders cannot sample them at their ends.
+    /// The timestamp counters; `None` if they cannot be sampled where encoders start and end.
     pub(crate) timestamps: Option<CounterSet>,
     pub(crate) filters_floats: bool,
     /// True if command buffers and encoders are labelled, because captures or Metal's validation are enabled.
@@ -134,7 +134,7 @@ impl MetalGpu {
     }
 }
 
-/// Finds the timestamp counters; `None` if they cannot be sampled at the ends of encoders.
+/// Finds the timestamp counters; `None` if they cannot be sampled where encoders start and end.
 fn timestamps(device: &DeviceRef) -> Option<CounterSet> {
     if !device.supports_counter_sampling(MTLCounterSamplingPoint::AtStageBoundary) {
         return None;
@@ -145,7 +145,8 @@ fn timestamps(device: &DeviceRef) -> Option<CounterSet> {
 /// The backend's own pipelines, for fills, clears and presentation.
 pub(crate) struct Builtin {
     pub fill_words: ComputePipelineState,
-    /// A buffer of one word, for commands without effect that keep an encoder from being empty.
+    /// A buffer of one word, the target of commands without effect: in place of empty dispatches, and in encoders that
+    /// would otherwise be empty.
     pub scratch: Buffer,
     pub clear_floats: ComputePipelineState,
     pub clear_words: ComputePipelineState,
@@ -214,7 +215,8 @@ fn sampler(device: &DeviceRef, filter: MTLSamplerMinMagFilter) -> SamplerState {
     device.new_sampler(&descriptor)
 }
 
-/// Compiles a library. Without fast math, NaN and the order of operations stay; only `precise` prevents contraction.
+/// Compiles a library, without fast math: NaN and the order of operations stay. Products and sums may still be
+/// contracted, except those that are `precise` in GLSL.
 pub(crate) fn library(device: &DeviceRef, source: &str, name: &str) -> Result<Library, BackendError> {
     let options = CompileOptions::new();
     options.set_fast_math_enabled(false);

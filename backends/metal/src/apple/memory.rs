@@ -79,7 +79,7 @@ impl splatgraph_runtime::Memory<MetalGpu> for Memory {
 
     fn mapped_mut(&mut self) -> &mut [u8] {
         let Backing::Buffer(buffer) = &self.backing else { return &mut [] };
-        // SAFETY: as above, and this is the only owner.
+        // SAFETY: as above. Only this object gives the host access to the contents, and it is borrowed mutably.
         unsafe { std::slice::from_raw_parts_mut(buffer.contents().cast(), self.bytes as usize) }
     }
 }

@@ -127,7 +127,7 @@ pub(crate) fn wait_for_event(event: &SharedEventRef, value: u64, milliseconds: u
     answer == YES
 }
 
-/// Reads the first `count` timestamps of a counter sample buffer as 64-bit words; `None` if Metal returns no data.
+/// Reads the first `count` timestamps of a counter sample buffer as 64-bit words; `None` if Metal returns fewer.
 pub(crate) fn resolve(samples: &CounterSampleBufferRef, count: usize) -> Option<Vec<u64>> {
     pool(|| {
         let range = NSRange::new(0, count as u64);
@@ -169,8 +169,8 @@ pub(crate) fn set_output(descriptor: &CaptureDescriptorRef, path: &Path) -> Resu
 pub(crate) unsafe fn show_in_view(view: NonNull<c_void>, layer: &MetalLayerRef) {
     let view: *mut Object = view.as_ptr().cast();
     pool(|| {
-        // SAFETY: the caller promises a view, which retains the layer. A view without a window is of scale 1 until it
-        // has one.
+        // SAFETY: the caller promises a view, which retains the layer. For a view without a window, the layer keeps its
+        // scale of 1.
         unsafe {
             let window: *mut Object = msg_send![view, window];
             if !window.is_null() {

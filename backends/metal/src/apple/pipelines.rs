@@ -1,4 +1,4 @@
-//! Creates the pipelines, fences and encoders of a plan, once per plan.
+//! Creates the pipelines and fences of a plan, and divides its passes into encoders, once per plan.
 
 use crate::apple::gpu::{self, MetalGpu};
 use crate::apple::memory::format;
@@ -37,7 +37,7 @@ pub(crate) struct Order {
     pub walked: Mutex<Walked>,
     /// The fences of each division: first merged, then one encoder per pass.
     fences: [Vec<Fence>; 2],
-    /// The export pass, which makes the output readable by copies.
+    /// The export pass. The draw into a window waits for the fences of its encoder.
     pub export: Option<PassId>,
 }
 

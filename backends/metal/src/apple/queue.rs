@@ -15,8 +15,9 @@ const SLICE: Duration = Duration::from_millis(50);
 
 /// Submits a frame or an upload, followed by the draw into a window, if any. The last command buffer signals `done`.
 ///
-/// The commands start once the event `start` reaches its value. This function makes the queue signal that value when
-/// earlier submissions, of all executors, have completed: all of them if `after_all`, otherwise the published ones.
+/// The commands start once the event `start` reaches its value: when earlier submissions, of all executors, have
+/// completed. These are all submissions in flight if `after_all`, otherwise the published ones. Without any, the value
+/// is signalled from the host, at once.
 pub(crate) fn submit(
     gpu: &MetalGpu,
     mut submission: Submission,
@@ -75,7 +76,7 @@ fn has_ended(gpu: &MetalGpu, submission: &Submission, limit: Duration) -> bool {
     true
 }
 
-/// The timestamps of a frame: two of its command buffer, then samples at the ends of encoders.
+/// The timestamps of a frame: start and end of its command buffer, then samples at the start and end of each encoder.
 #[derive(Clone)]
 pub struct Timestamps(Arc<Times>);
 
@@ -85,8 +86,8 @@ struct Times {
 }
 
 impl Timestamps {
-    /// Creates `count` timestamps. Timestamps of passes are missing if the device cannot sample counters at the ends of
-    /// encoders, or has no counter sample buffer left, and beyond the first [`MAX_SAMPLES`].
+    /// Creates `count` timestamps. Timestamps of passes are missing if the device cannot sample counters where encoders
+    /// start and end, or has no counter sample buffer left, and beyond the first [`MAX_SAMPLES`].
     pub(crate) fn new(gpu: &MetalGpu, count: u32) -> Timestamps {
         let samples = count.saturating_sub(2).min(MAX_SAMPLES);
         let buffer = gpu.timestamps.as_ref().filter(|_| samples > 0).and_then(|set| {

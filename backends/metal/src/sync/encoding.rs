@@ -8,8 +8,9 @@ use splatgraph_framework::{ir::*, plan::*};
 ///
 /// - It opens every encoder, in this order. An encoder without work still waits for its fences and updates them,
 ///   because other encoders rely on the order through it.
-/// - Reads of the plan's output after the frame (copies to the host, to a window, to another plan) belong to the
-///   encoder of [`Work::Export`], before its updates.
+/// - Copies of the plan's output to the host belong to the encoder of [`Work::Export`], before its updates. The draw
+///   into a window waits for the fences that this encoder updates, and updates them again. Events order all other
+///   commands outside the plan, such as the copy of the output for another plan.
 /// - Fences belong to one plan in one [`Division`]. A frame that follows a frame of another plan or division waits for
 ///   all earlier work.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -139,7 +140,7 @@ impl MemoryBarrier {
 pub enum Division {
     /// As few encoders as the order of the passes, their kinds, and the targets and dependencies of draws allow.
     Merged,
-    /// One encoder per pass, for timestamps at the ends of encoders.
+    /// One encoder per pass, because timestamps are sampled where encoders start and end.
     Passes,
 }
 

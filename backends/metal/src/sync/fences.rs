@@ -79,7 +79,7 @@ pub(super) fn number(waits: &[Vec<Wait>], turn: Option<usize>) -> (Vec<Uses>, u3
     for span in &spans {
         let ((updater, after), (encoder, index)) = (span.update, span.place);
         let updates = &mut uses[updater].1;
-        // Waits for one update can share a fence.
+        // Waits that share a fence and an update need the update once.
         if !updates.contains(&(span.fence, after)) {
             updates.push((span.fence, after));
         }
@@ -111,7 +111,7 @@ impl Order<'_> {
         spans
     }
 
-    /// Returns true if two spans can share a fence. `first` has the earlier update.
+    /// Returns true if two spans can share a fence. The update of `first` is not later than that of `second`.
     fn share(&self, first: &Span, second: &Span) -> bool {
         let next = self.turn.map(|turn| (first.update.0 + turn, first.update.1));
         first.update == second.update

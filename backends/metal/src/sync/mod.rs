@@ -38,10 +38,11 @@
 //! 8. An event that is signalled and waited for orders everything before it before everything after it
 //!    (`mtlcommandbuffer/encodesignalevent(_:value:)`, `mtlcommandbuffer/encodewaitforevent(_:value:)`).
 //!
-//! Apple's pages do not state the following, which must be confirmed on a Mac (`docs/metal.md` has the list). Arguments
-//! of indirect draws are read in the vertex stage, and arguments of indirect dispatches within a barrier's scope for
-//! buffers. Targets are loaded, cleared and stored in the fragment stage. A barrier orders writes after reads, as it
-//! orders reads after writes. An encoder without commands still waits and updates.
+//! Apple's pages do not state the following, which must be confirmed on a Mac (`docs/metal.md` lists it with the
+//! expected observations). A wait is for the last update encoded before it. Arguments of indirect draws are read in the
+//! vertex stage, and arguments of indirect dispatches within a barrier's scope for buffers. Targets are loaded, cleared
+//! and stored in the fragment stage. A barrier orders writes after reads, as it orders reads after writes. A barrier
+//! for both scopes, or a fence, orders accesses to a texture and a buffer in the same memory.
 
 mod divide;
 mod encoding;

@@ -88,7 +88,7 @@ pub(super) fn order(plan: &Plan, prologue: Vec<Group>, frame: Vec<Group>) -> (En
 
     let (once_fences, once_count) = fences::number(&once_waits, None);
     let (mut frame_fences, frame_count) = fences::number(&frame_waits, Some(frame.len()));
-    // Without the handover, encoders of the prologue may still wait for its fences.
+    // Without the handover, the prologue may still use its fences when the frame begins.
     let first_fence = if handover { 0 } else { once_count };
     let both = frame_fences.iter_mut().flat_map(|(waits, updates)| waits.iter_mut().chain(updates));
     both.for_each(|(fence, _)| *fence += first_fence);
@@ -118,9 +118,10 @@ pub(super) fn order(plan: &Plan, prologue: Vec<Group>, frame: Vec<Group>) -> (En
 }
 
 impl<'a> Walk<'a> {
-    /// Walks over the next encoder, and returns it with its waits and barriers.
+    /// Walks over the next encoder, and returns its waits and barriers.
     ///
-    /// Encoders before `start` are the prologue, which the handover orders.
+    /// `start` is the index of the frame's first encoder in the walk (0 for an encoder of the prologue): the handover
+    /// orders the encoders before it.
     fn encoder(&mut self, group: &Group, start: usize) -> Ordered<'a> {
         let instance = self.waits.len();
         let mut ordered = Ordered {

@@ -1,5 +1,5 @@
-//! Reads and writes PSNR in JSON. JSON has no infinity: the PSNR of equal pictures is the text `inf`. A PSNR that was
-//! not measured is `null`.
+//! Reads and writes PSNR in JSON. JSON has no infinity: the PSNR of a mean squared error of 0 is the text `inf`. A PSNR
+//! that was not measured is `null`.
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -17,7 +17,7 @@ impl Serialize for Decibels {
     }
 }
 
-/// Writes a PSNR; `None`, identical pictures, is written as `inf`.
+/// Writes a PSNR; `None`, a mean squared error of 0, is written as `inf`.
 ///
 /// # Errors
 /// The serializer's errors.

@@ -5,9 +5,9 @@
 //! equations. Both pictures are filtered by the contrast sensitivity of the eye at the display's distance. Their
 //! colours are compared in a perceptually uniform space, and the difference is amplified where edges or points differ.
 //!
-//! [`Seen::of_floats`] filters a picture as it is. [`Seen::of_8_bits`] first rounds it to 8 bits, as a file or a
-//! display does; the result is then that of NVIDIA's program. Where pictures differ by less than a step, rounding hides
-//! the difference or amplifies it to a whole step.
+//! [`Seen::of_floats`] filters a picture without rounding it. [`Seen::of_8_bits`] first rounds it to 8 bits, as a file
+//! or a display does; the result is then that of NVIDIA's program, which computes in f32. Where pictures differ by less
+//! than a step, rounding hides the difference or amplifies it to a whole step.
 
 use super::{BAND, ImageRef, LANES, weighted};
 use crate::srgb;
@@ -287,7 +287,6 @@ mod tests {
         Seen::of_8_bits(a.into()).flip(&Seen::of_8_bits(b.into()), None)
     }
 
-    /// Computes FLIP with NVIDIA's program.
     fn by_nvidia(a: &Image, b: &Image) -> f64 {
         let [a, b] = [a, b].map(|image| {
             let bytes: Vec<u8> = image.rgb.as_flattened().iter().map(|v| (v * 255.0).round() as u8).collect();

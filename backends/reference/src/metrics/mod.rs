@@ -34,7 +34,6 @@ pub enum Rgb<'a> {
 }
 
 impl Rgb<'_> {
-    /// Returns the number of pixels.
     fn len(self) -> usize {
         match self {
             Rgb::F32(pixels) => pixels.len(),
@@ -60,7 +59,7 @@ impl ImageRef<'_> {
     }
 }
 
-/// Number of rows of a band. Bands are measured in parallel, each in a few megabytes.
+/// Number of rows of a band. Bands are measured in parallel, and bound the memory of intermediate values.
 const BAND: usize = 64;
 /// Radius of SSIM's window, in pixels: 11 x 11. Its map lacks a border of this width.
 const SSIM_RADIUS: usize = 5;
@@ -171,7 +170,7 @@ pub fn comparable(a: ImageRef, b: ImageRef) -> Result<(), MetricError> {
     Ok(())
 }
 
-/// Converts PSNR to mean squared error (range 0 to 1). `None`, identical pictures, gives 0.
+/// Converts PSNR to mean squared error (range 0 to 1). `None`, the PSNR of an error of 0, gives 0.
 pub fn squared_error(psnr_db: Option<f64>) -> f64 {
     psnr_db.map_or(0.0, |db| 10f64.powf(-db / 10.0))
 }
@@ -345,7 +344,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// Computes a picture in integer arithmetic, so that another program can reproduce it exactly.
+    /// Computes multiples of 1/100 in integer arithmetic, so that another program can reproduce the picture exactly.
     fn pattern(width: usize, height: usize, seed: usize) -> Image {
         Image::from_fn(width, height, |x, y| {
             std::array::from_fn(|c| ((x * 7 + y * 13 + c * 29 + x * y * seed) % 101) as f32 / 100.0)

@@ -9,8 +9,9 @@ use splatgraph_runtime::Image;
 
 impl Encoder {
     pub(super) fn update(&mut self, update: FenceUse) {
-        // Other encoders may be ordered only through this one. Metal may drop an empty encoder with its fences, so it
-        // gets a command without effect. An encoder of draws is never empty, because it has load actions.
+        // Other encoders may be ordered only through this one. Metal may drop an empty encoder with its fences, so one
+        // that has no command yet gets one without effect. Draws need none: each opens its encoder, which loads or
+        // clears the targets even if nothing is drawn.
         match self.next {
             Some(EncoderKind::Compute) => {
                 if let Some(encoder) = self.compute() {
@@ -188,7 +189,7 @@ impl Encoder {
     }
 }
 
-/// Converts the stages of a fence's use; returns `usual` if the plan names none.
+/// Converts the stages of a fence's use; returns `usual` if it names none.
 fn stages(fence: FenceUse, usual: MTLRenderStages) -> MTLRenderStages {
     match fence.stages {
         Some(RenderStages::Vertex) => MTLRenderStages::Vertex,

@@ -25,7 +25,7 @@
 //!
 //! It has no caches: in Metal, order implies visibility. It does not check that memory was written before it is read;
 //! the model of the Vulkan backend does. It does not cover an executor's commands outside of the plan (inspection,
-//! window).
+//! the copy of the output for another plan, the window).
 
 use crate::sync::*;
 use splatgraph_framework::{ir::*, plan::*};
