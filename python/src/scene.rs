@@ -157,7 +157,7 @@ impl Scene {
     /// formats but the first two round the values, .compressed.ply and .sog also change the order of the splats, and
     /// .splat has no harmonics above degree 0.
     ///
-    /// Warns (`UserWarning`) of what else a file lacks, such as a mesh. A .glb always lacks the order by depth: the
+    /// Warns (`UserWarning`) of what else a file lacks, such as a mesh. A .glb cannot name the order by depth: the
     /// scene that is loaded from it is drawn in the order of the distance from the camera.
     ///
     /// Raises:
