@@ -1,6 +1,6 @@
 //! The viewer's window graph without a window: hand-made pictures and egui interfaces, compared with expected pixels.
 
-use egui::{Align2, Color32, FontId, Rect, TextureOptions, pos2, vec2};
+use egui::{Align2, Color32, FontId, Rect, TextureOptions, Vec2, pos2, vec2};
 use half::f16;
 use splatgraph::draw::backend::Backend;
 use splatgraph::draw::facts::{self, SceneFacts};
@@ -61,7 +61,10 @@ impl Window {
     }
 
     fn compose(&mut self, composition: &Composition) -> Drawn {
-        self.draw(composition, &Painter::default().paint(Default::default(), vec![], 1.0, composition))
+        self.draw(
+            composition,
+            &Painter::default().paint(Default::default(), vec![], Vec2::splat(1.0), composition),
+        )
     }
 
     fn close(mut self) {
@@ -257,7 +260,7 @@ fn interface(
     let output = context.run_ui(input, ui);
     assert_eq!(output.pixels_per_point, pixels_per_point);
     let meshes = context.tessellate(output.shapes, pixels_per_point);
-    painter.paint(output.textures_delta, meshes, pixels_per_point, under)
+    painter.paint(output.textures_delta, meshes, Vec2::splat(pixels_per_point), under)
 }
 
 #[test]
@@ -423,11 +426,11 @@ fn a_window_in_which_only_changes_are_drawn_shows_what_one_that_is_drawn_whole_s
         };
         let output = context.run_ui(input, |ui| panels(ui, step));
         let meshes = context.tessellate(output.shapes, 1.0);
-        let changes = painter.paint(output.textures_delta, meshes.clone(), 1.0, &under);
+        let changes = painter.paint(output.textures_delta, meshes.clone(), Vec2::splat(1.0), &under);
         let drawn = kept.draw(&under, &changes);
         // Repaints everything with the same painter, which has the textures, after it forgot what the window shows.
         painter.forget();
-        let everything = painter.paint(Default::default(), meshes, 1.0, &under);
+        let everything = painter.paint(Default::default(), meshes, Vec2::splat(1.0), &under);
         let expected = whole.draw(&under, &everything);
         painter.drawn();
         assert!(drawn.pixels == expected.pixels, "step {step}");

@@ -222,6 +222,42 @@ fn a_window_that_is_resized_minimised_and_opened_again_shows_the_picture_in_its_
 }
 
 #[test]
+fn a_window_whose_own_graph_has_a_mistake_is_drawn_whole_at_another_size() {
+    let mut viewer = TestShell::new(("demo", 3_000), "pipelines/splat.ron", (400, 240));
+    viewer.settle();
+    viewer.place.edit("shaders/window/ui.frag", "void main() {", "void main() {\n    x");
+    let is_of_window = |event: &Event| matches!(event, Event::Failed { renderer: RendererId::Window, .. });
+    viewer.event("the mistake", is_of_window);
+    viewer.size = (800, 480);
+    // The picture of the scene gets its new size, and the window's changed parts have been drawn.
+    viewer.until("the scene", |viewer| {
+        let window = viewer.shell.viewer.a.renderer.size();
+        !viewer.shell.viewer.busy() && window.0 > 400
+    });
+    viewer.frames(3);
+    let stretched = viewer.window();
+    assert_eq!((stretched.width, stretched.height), (400, 240), "the size of the last good plan");
+    viewer.place.edit("shaders/window/ui.frag", "void main() {\n    x", "void main() {");
+    viewer.settle();
+    viewer.frames(3);
+    let whole = viewer.window();
+    assert_eq!((whole.width, whole.height), (800, 480));
+    // Blocks of the interface, since the pixels of texts differ; without the status line, which tells the mistake.
+    let mean = |image: &Image, [x, y]: [usize; 2], scale: usize| {
+        let rows = image.rgb.chunks(image.width).skip(y * scale).take(12 * scale);
+        let pixels = rows.flat_map(|row| &row[x * scale..(x + 8) * scale]);
+        pixels.flatten().sum::<f32>() / (3 * 96 * scale * scale) as f32
+    };
+    let is_view = |[x, y]: [usize; 2]| (56..336).contains(&x) && y >= 12;
+    let blocks = (0..19).flat_map(|y| (0..50).map(move |x| [8 * x, 12 * y]));
+    for block in blocks.filter(|block| !is_view(*block)) {
+        let [found, expected] = [mean(&stretched, block, 1), mean(&whole, block, 2)];
+        assert!((found - expected).abs() < 0.1, "expected {expected}, found {found} at {block:?}");
+    }
+    viewer.close();
+}
+
+#[test]
 fn files_that_are_dropped_are_opened_and_bad_ones_lose_nothing() {
     let mut viewer = drawing("splat", &[]);
     let before = viewer.picture(RendererId::A);

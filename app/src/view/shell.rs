@@ -23,7 +23,7 @@ use super::viewport::Viewport;
 use crate::draw::backend::Backend;
 use egui::epaint::ClippedPrimitive;
 use egui::epaint::textures::TexturesDelta;
-use egui::{Context, RawInput, Rect, ViewportId};
+use egui::{Context, RawInput, Rect, Vec2, ViewportId, vec2};
 use splatgraph_api::{BackendError, BufferContents, Device, FrameInputs, Pixels, Running};
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
@@ -213,15 +213,12 @@ impl Shell {
         let pixels_per_point = output.pixels_per_point;
         let primitives = self.ctx.tessellate(output.shapes, pixels_per_point);
 
-        let pixel = |v: f32| (v * pixels_per_point).round().max(0.0) as u32;
-        let Rect { min, max } = view;
-        let (left, top) = (pixel(min.x), pixel(min.y));
-        let view = [left, top, pixel(max.x).saturating_sub(left), pixel(max.y).saturating_sub(top)];
+        let [_, _, width, height] = pixels(view, Vec2::splat(pixels_per_point));
         // Recreating the swapchain waits for all frames in flight, which would block this thread.
         let resized = request.present && request.size != self.presented;
         let drains = resized && !self.viewer.to_host && self.in_flight().is_some();
         self.viewer.rests = drains;
-        self.viewer.frame((view[2], view[3]));
+        self.viewer.frame((width, height));
         for event in self.viewer.take_events() {
             self.report(event);
         }
@@ -303,20 +300,25 @@ impl Shell {
     }
 
     /// Draws the window if its content changed or `request` demands it. Returns whether it was drawn, and the pixels of
-    /// a frame that was read back.
+    /// a frame that was read back. `view` is in points.
     fn paint(
         &mut self,
         request: FrameRequest,
-        view: [u32; 4],
+        view: Rect,
         (textures, primitives, pixels_per_point): (TexturesDelta, Vec<ClippedPrimitive>, f32),
     ) -> (bool, Option<Pixels>) {
         let inputs = PlanInputs { scene: None, size: request.size, share_memory: true };
         self.canvas.poll(&inputs, Instant::now());
+        // After a resize, the plan keeps its size until another is built, which an error may prevent. Presenting its
+        // picture stretches it over the window, so everything is drawn at the plan's scale.
+        let size = if self.canvas.plan().is_some() { self.canvas.size() } else { request.size };
+        let ratio = |of: u32, to: u32| of as f32 / to.max(1) as f32;
+        let scale = vec2(ratio(size.0, request.size.0), ratio(size.1, request.size.1)) * pixels_per_point;
         let [a, b] = self.viewer.pictures();
         let pictures = [&a, &b].map(|picture| picture.as_ref().map(|(_, number)| *number));
         let composition = Composition {
-            window: [request.size.0, request.size.1],
-            view,
+            window: [size.0, size.1],
+            view: pixels(view, scale),
             mode: self.viewer.compare,
             split: self.viewer.split,
             amplification: self.viewer.gain,
@@ -328,7 +330,7 @@ impl Shell {
         if self.canvas.is_first_next() || !self.canvas.plan().is_some_and(keeps) {
             self.painter.forget();
         }
-        let painted = self.painter.paint(textures, primitives, pixels_per_point, &composition);
+        let painted = self.painter.paint(textures, primitives, scale, &composition);
         let content = Content { pictures, arrangement: composition.bytes() };
         self.reading &= !self.canvas.take_forgot();
         let due = request.read && !self.reading
@@ -455,4 +457,12 @@ impl Shell {
         let Shell { viewer, canvas, .. } = self;
         [viewer.into_device(), canvas.into_device()].into_iter().flatten().collect()
     }
+}
+
+/// Converts a rectangle from points to whole pixels: left, top, width, height.
+fn pixels(Rect { min, max }: Rect, pixels_per_point: Vec2) -> [u32; 4] {
+    let pixel = |v: f32, scale: f32| (v * scale).round().max(0.0) as u32;
+    let (left, top) = (pixel(min.x, pixels_per_point.x), pixel(min.y, pixels_per_point.y));
+    let (right, bottom) = (pixel(max.x, pixels_per_point.x), pixel(max.y, pixels_per_point.y));
+    [left, top, right.saturating_sub(left), bottom.saturating_sub(top)]
 }

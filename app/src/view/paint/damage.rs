@@ -7,13 +7,19 @@
 use super::Composition;
 use super::textures::Texture;
 use egui::epaint::Mesh;
-use egui::{Pos2, Rect, pos2};
+use egui::{Pos2, Rect, Vec2, pos2};
 use std::sync::Arc;
 
 /// Returns true if the bounds of a triangle show that it covers no pixel of an area.
 pub fn misses(area: Rect, corners: [Pos2; 3]) -> bool {
     let Rect { min, max } = Rect::from_points(&corners);
     max.x <= area.min.x || min.x >= area.max.x || max.y <= area.min.y || min.y >= area.max.y
+}
+
+/// Scales a rectangle about the origin, by a factor for each axis.
+pub fn scaled(Rect { min, max }: Rect, scale: Vec2) -> Rect {
+    let scaled = |corner: Pos2| (corner.to_vec2() * scale).to_pos2();
+    Rect { min: scaled(min), max: scaled(max) }
 }
 
 /// A mesh of the interface, and the pixels that it may change.
@@ -23,12 +29,12 @@ pub struct Piece {
     pub bounds: Rect,
     pub texture: Texture,
     pub mesh: Mesh,
-    pixels_per_point: f32,
+    pixels_per_point: Vec2,
 }
 
 impl Piece {
-    pub fn new(mesh: Mesh, clip: Rect, texture: Texture, pixels_per_point: f32) -> Piece {
-        let Rect { min, max } = mesh.calc_bounds() * pixels_per_point;
+    pub fn new(mesh: Mesh, clip: Rect, texture: Texture, pixels_per_point: Vec2) -> Piece {
+        let Rect { min, max } = scaled(mesh.calc_bounds(), pixels_per_point);
         // Rounded outwards: a pixel that is partly covered changes, too.
         let bounds = Rect::from_min_max(min.floor(), max.ceil()).intersect(clip);
         Piece { bounds, texture, mesh, pixels_per_point }
@@ -36,7 +42,8 @@ impl Piece {
 
     /// Returns the position of each vertex, in pixels of the window.
     pub fn positions(&self) -> Vec<Pos2> {
-        self.mesh.vertices.iter().map(|vertex| vertex.pos * self.pixels_per_point).collect()
+        let scaled = |pos: Pos2| (pos.to_vec2() * self.pixels_per_point).to_pos2();
+        self.mesh.vertices.iter().map(|vertex| scaled(vertex.pos)).collect()
     }
 }
 
@@ -132,7 +139,7 @@ mod tests {
         let texture = Texture { texels: 0, width: 1, height: 1, smoothing: 0 };
         let mesh = Mesh { indices: vec![index], ..Mesh::default() };
         let bounds = Rect { min: pos2(left, top), max: pos2(right, bottom) };
-        Piece { bounds, texture, mesh, pixels_per_point: 1.0 }
+        Piece { bounds, texture, mesh, pixels_per_point: Vec2::splat(1.0) }
     }
 
     fn interface(view: [u32; 4], texels: &Arc<Vec<u8>>, pieces: &[&Piece]) -> Interface {

@@ -10,10 +10,10 @@
 //! The structs here match `shaders/window/ui.glsl` and `shaders/window/window.glsl`.
 
 use bytemuck::{Pod, Zeroable};
-use damage::{Interface, Piece, misses};
+use damage::{Interface, Piece, misses, scaled};
 use egui::epaint::textures::TexturesDelta;
 use egui::epaint::{ClippedPrimitive, Primitive};
-use egui::{Pos2, Rect};
+use egui::{Pos2, Rect, Vec2};
 use splatgraph_framework::ir::{Catalog, HostBuffer};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -93,7 +93,7 @@ pub type Painted = BTreeMap<&'static str, Arc<Vec<u8>>>;
 
 impl Painter {
     /// Packs the output of one pass of egui: all of `FullOutput::textures_delta`, and the meshes of
-    /// `Context::tessellate`, whose scale is `pixels_per_point`.
+    /// `Context::tessellate`. `pixels_per_point` scales them to the composition's pixels, along each axis.
     ///
     /// Packs everything over the view, and elsewhere only what covers the difference to the interface in the window:
     /// see [`Painter::drawn`]. Skips paint callbacks, malformed meshes, and meshes with an unknown texture.
@@ -101,7 +101,7 @@ impl Painter {
         &mut self,
         mut changes: TexturesDelta,
         primitives: Vec<ClippedPrimitive>,
-        pixels_per_point: f32,
+        pixels_per_point: Vec2,
         under: &Composition,
     ) -> Painted {
         let freed = std::mem::take(&mut changes.free);
@@ -112,7 +112,7 @@ impl Painter {
             let is_sound = mesh.is_valid() && mesh.indices.len() % 3 == 0;
             let Some(texture) = self.textures.get(mesh.texture_id).filter(|_| is_sound) else { continue };
             // Whole pixels, so that adjacent areas neither overlap nor leave gaps.
-            let clip = (clip_rect * pixels_per_point).round();
+            let clip = scaled(clip_rect, pixels_per_point).round();
             pieces.push(Piece::new(mesh, clip, texture, pixels_per_point));
         }
         let texels = self.textures.texels();

@@ -11,6 +11,8 @@ use splatgraph_vulkan::sync::model::{Replay, mutate::needless, replay};
 
 const FONT: TextureId = TextureId::Managed(0);
 
+const ONE: Vec2 = Vec2::splat(1.0);
+
 fn changes(list: Vec<(TextureId, ImageDelta)>, free: &[TextureId]) -> TexturesDelta {
     let mut changes = TexturesDelta::default();
     for (id, change) in list {
@@ -38,7 +40,7 @@ fn whole_view() -> Composition {
 /// Makes a painter with a font texture of 2 x 2 texels.
 fn painter() -> Painter {
     let mut painter = Painter::default();
-    painter.paint(changes(vec![(FONT, whole([2, 2], 0))], &[]), vec![], 1.0, &whole_view());
+    painter.paint(changes(vec![(FONT, whole([2, 2], 0))], &[]), vec![], ONE, &whole_view());
     painter
 }
 
@@ -73,7 +75,7 @@ fn a_rectangle_becomes_two_triangles_with_its_colour_and_clip() {
     let painted = painter.paint(
         TexturesDelta::default(),
         vec![first, rectangle(rect, red, clip, FONT)],
-        2.0,
+        vec2(2.0, 2.0),
         &whole_view(),
     );
     assert_eq!(words(&painted[DRAW]), [12, 1, 0, 0]);
@@ -101,8 +103,25 @@ fn a_rectangle_becomes_two_triangles_with_its_colour_and_clip() {
 }
 
 #[test]
+fn triangles_and_clips_are_scaled_alike_also_by_a_factor_for_each_axis() {
+    let rect = Rect::from_min_size(pos2(10.0, 20.0), vec2(30.0, 10.0));
+    let clip = Rect::from_min_size(pos2(0.0, 24.0), vec2(100.0, 100.0));
+    let mesh = rectangle(rect, Color32::RED, clip, FONT);
+    let painted = painter().paint(TexturesDelta::default(), vec![mesh], vec2(2.0, 0.5), &whole_view());
+    let corners = read::<Vertex>(&painted[VERTICES])
+        .into_iter()
+        .map(|vertex| pos2(vertex.position[0], vertex.position[1]));
+    assert_eq!(
+        Rect::from_points(&corners.collect::<Vec<_>>()),
+        Rect::from_min_max(pos2(20.0, 10.0), pos2(80.0, 15.0))
+    );
+    let clips: Vec<Clip> = read(&painted[CLIPS]);
+    assert_eq!((clips[0].first, clips[0].beyond), ([20.0, 12.0], [80.0, 15.0]));
+}
+
+#[test]
 fn an_empty_interface_draws_nothing_and_its_buffers_are_not_empty() {
-    let painted = Painter::default().paint(TexturesDelta::default(), vec![], 1.0, &whole_view());
+    let painted = Painter::default().paint(TexturesDelta::default(), vec![], ONE, &whole_view());
     assert_eq!(words(&painted[DRAW]), [0, 1, 0, 0]);
     let mut catalog = Catalog::default();
     offer(&mut catalog);
@@ -123,7 +142,7 @@ fn what_cannot_be_drawn_is_left_out() {
         mesh.indices[1] = 4;
     }
     let fine = rectangle(rect, Color32::RED, rect, FONT);
-    let painted = painter().paint(TexturesDelta::default(), vec![strange, broken, fine], 1.0, &whole_view());
+    let painted = painter().paint(TexturesDelta::default(), vec![strange, broken, fine], ONE, &whole_view());
     assert_eq!(words(&painted[DRAW])[0], 6);
 }
 
@@ -131,9 +150,9 @@ fn what_cannot_be_drawn_is_left_out() {
 fn a_part_of_a_texture_lands_at_its_texels() {
     let mut painter = painter();
     let id = TextureId::Managed(3);
-    painter.paint(changes(vec![(id, whole([4, 3], 1))], &[]), vec![], 1.0, &whole_view());
+    painter.paint(changes(vec![(id, whole([4, 3], 1))], &[]), vec![], ONE, &whole_view());
     let part = ImageDelta::partial([1, 1], image([2, 2], 2), TextureOptions::NEAREST);
-    painter.paint(changes(vec![(id, part)], &[]), vec![], 1.0, &whole_view());
+    painter.paint(changes(vec![(id, part)], &[]), vec![], ONE, &whole_view());
     let found: Vec<(u8, u8)> = texels(&painter, id).iter().map(|t| (t[1], t[0])).collect();
     let expected = [
         [(1, 0), (1, 1), (1, 2), (1, 3)],
@@ -150,8 +169,8 @@ fn a_part_that_sticks_out_of_its_texture_changes_nothing() {
     let mut painter = painter();
     let before = texels(&painter, FONT);
     let part = |at| ImageDelta::partial(at, image([2, 1], 9), TextureOptions::LINEAR);
-    painter.paint(changes(vec![(FONT, part([1, 0])), (FONT, part([0, 2]))], &[]), vec![], 1.0, &whole_view());
-    painter.paint(changes(vec![(TextureId::User(1), part([0, 0]))], &[]), vec![], 1.0, &whole_view());
+    painter.paint(changes(vec![(FONT, part([1, 0])), (FONT, part([0, 2]))], &[]), vec![], ONE, &whole_view());
+    painter.paint(changes(vec![(TextureId::User(1), part([0, 0]))], &[]), vec![], ONE, &whole_view());
     assert_eq!(texels(&painter, FONT), before);
     assert_eq!(painter.textures.get(TextureId::User(1)), None);
 }
@@ -163,18 +182,18 @@ fn the_room_of_textures_that_are_freed_is_used_again() {
     painter.paint(
         changes(vec![(a, whole([8, 8], 1)), (b, whole([4, 4], 2))], &[]),
         vec![],
-        1.0,
+        ONE,
         &whole_view(),
     );
     let (room, length) = (painter.textures.get(a).unwrap().texels, painter.textures.texels().len());
-    painter.paint(changes(vec![], &[a]), vec![], 1.0, &whole_view());
+    painter.paint(changes(vec![], &[a]), vec![], ONE, &whole_view());
     assert_eq!(painter.textures.get(a), None);
-    painter.paint(changes(vec![(c, whole([7, 9], 3))], &[]), vec![], 1.0, &whole_view());
+    painter.paint(changes(vec![(c, whole([7, 9], 3))], &[]), vec![], ONE, &whole_view());
     assert_eq!(painter.textures.get(c).unwrap().texels, room);
     assert_eq!(painter.textures.texels().len(), length);
     assert_eq!((texels(&painter, c)[62], texels(&painter, b)[15]), ([62, 3, 0, 255], [15, 2, 0, 255]));
     // A texture that does not fit the gap is appended, without changes to its neighbours.
-    painter.paint(changes(vec![(c, whole([9, 9], 4))], &[]), vec![], 1.0, &whole_view());
+    painter.paint(changes(vec![(c, whole([9, 9], 4))], &[]), vec![], ONE, &whole_view());
     assert_eq!((texels(&painter, c)[80], texels(&painter, b)[15]), ([80, 4, 0, 255], [15, 2, 0, 255]));
     assert_eq!(painter.textures.get(c).unwrap().texels, 4 + 64 + 16);
 }
@@ -185,11 +204,11 @@ fn a_texture_that_goes_after_a_frame_is_still_drawn_in_it() {
     let rect = Rect::from_min_size(Pos2::ZERO, vec2(1.0, 1.0));
     let id = TextureId::Managed(5);
     let mesh = || vec![rectangle(rect, Color32::WHITE, rect, id)];
-    let painted = painter.paint(changes(vec![(id, whole([1, 1], 7))], &[id]), mesh(), 1.0, &whole_view());
+    let painted = painter.paint(changes(vec![(id, whole([1, 1], 7))], &[id]), mesh(), ONE, &whole_view());
     assert_eq!(words(&painted[DRAW])[0], 6);
     let clips: Vec<Clip> = read(&painted[CLIPS]);
     assert_eq!(painted[TEXELS][4 * clips[0].texture.texels as usize + 1], 7);
-    let after = painter.paint(TexturesDelta::default(), mesh(), 1.0, &whole_view());
+    let after = painter.paint(TexturesDelta::default(), mesh(), ONE, &whole_view());
     assert_eq!(words(&after[DRAW])[0], 0);
 }
 
@@ -197,7 +216,7 @@ fn a_texture_that_goes_after_a_frame_is_still_drawn_in_it() {
 fn texels_are_handed_over_anew_only_when_they_changed() {
     let mut painter = painter();
     let texels =
-        |painter: &mut Painter, changes| painter.paint(changes, vec![], 1.0, &whole_view())[TEXELS].clone();
+        |painter: &mut Painter, changes| painter.paint(changes, vec![], ONE, &whole_view())[TEXELS].clone();
     let first = texels(&mut painter, TexturesDelta::default());
     let held = first.to_vec();
     assert!(Arc::ptr_eq(&first, &texels(&mut painter, TexturesDelta::default())));
@@ -276,7 +295,7 @@ fn an_interface_that_is_shown_is_not_packed_again_until_it_is_forgotten() {
     let mut painter = painter();
     let packed = |painter: &mut Painter, colour| {
         let mesh = rectangle(rect, colour, Rect::EVERYTHING, FONT);
-        words(&painter.paint(TexturesDelta::default(), vec![mesh], 1.0, &under)[DRAW])[0]
+        words(&painter.paint(TexturesDelta::default(), vec![mesh], ONE, &under)[DRAW])[0]
     };
     let both = 12;
     assert_eq!(packed(&mut painter, Color32::RED), both, "the background and the rectangle");
