@@ -37,6 +37,8 @@ fn a_window_at_rest_draws_nothing_until_something_happens() {
     // The frame rate disappears a second after the last picture.
     sleep(Duration::from_secs(2));
     program.rests();
+    let is_kept = comes(|| program.place.at("state/splatgraph/window.json").is_file());
+    assert!(is_kept, "a signal that ends the program loses the layout of the window");
     let since = program.now();
     sleep(Duration::from_secs(3));
     assert_eq!(program.now(), since, "something is drawn");

@@ -161,6 +161,7 @@ impl App<'_> {
             open: dialog::Dialog::new(wake.clone()),
             editor: editor::Editor::new(wake),
             kept: options.kept,
+            keep: None,
             save: None,
             save_a: false,
             has_begun: false,

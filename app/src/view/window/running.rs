@@ -41,6 +41,9 @@ const BLIND: Duration = Duration::from_secs(3);
 /// Running time of a pass after which the window's title names it.
 const SLOW: Duration = Duration::from_secs(1);
 
+/// Time from a change of the window layout until it is saved.
+const KEEP: Duration = Duration::from_secs(1);
+
 /// Number of frames after which a view without pixels is assumed to stay empty.
 const MANY: u64 = 30;
 
@@ -70,7 +73,10 @@ pub struct Running {
     pub blind: Option<Instant>,
     /// Pass or frame that is reported as slow; `None` if none is.
     pub slow: Option<String>,
+    /// File for the window layout; `None` to save none.
     pub kept: Option<PathBuf>,
+    /// Time to save the window layout, which the last frames may have changed; `None` if it is saved.
+    pub keep: Option<Instant>,
     pub open: dialog::Dialog,
     pub editor: editor::Editor,
     /// Request to save the window's picture with the next frame: the path, or `Some(None)` for a numbered name.
@@ -103,6 +109,10 @@ impl Running {
     pub fn turn(&mut self) -> Result<bool> {
         let now = Instant::now();
         let is_due = |time: Option<Instant>| time.is_some_and(|time| time <= now);
+        if is_due(self.keep) {
+            // A failure is reported when the window closes.
+            _ = self.keep_layout();
+        }
         let looks = is_due(self.look);
         if !(self.asked || is_due(self.next) || looks) || now < self.earliest {
             return Ok(false);
@@ -128,7 +138,11 @@ impl Running {
 
     pub fn wakes(&self) -> Option<Instant> {
         let asked = self.asked.then(Instant::now);
-        [asked, self.next, self.look].into_iter().flatten().min().map(|time| time.max(self.earliest))
+        [asked, self.next, self.look, self.keep]
+            .into_iter()
+            .flatten()
+            .min()
+            .map(|time| time.max(self.earliest))
     }
 
     /// Returns the minimum interval between frames: one refresh of the display with vsync on Wayland, otherwise zero.
@@ -205,6 +219,9 @@ impl Running {
         self.next = frame.next;
         self.redraw &= !frame.drawn;
         self.frames += u64::from(frame.drawn);
+        if frame.drawn && self.kept.is_some() {
+            self.keep.get_or_insert_with(|| Instant::now() + KEEP);
+        }
         self.write_events(request.size, frame.drawn);
         Ok(close && self.save.is_none())
     }
@@ -354,12 +371,17 @@ impl Running {
         }
     }
 
+    /// Saves the window layout, if it has changed. A signal may end the program without closing the window.
+    fn keep_layout(&mut self) -> Result<(), String> {
+        self.keep = None;
+        let Some(path) = &self.kept else { return Ok(()) };
+        kept::keep(path, &self.shell.panels, self.shell.context())
+    }
+
     /// Saves the window layout, closes the devices, and returns the validation messages. Waits for a file that is being
     /// written. If other work does not end within [`CLOSING`], the devices stay open, and no messages are returned.
     pub fn close(mut self) -> Vec<String> {
-        if let Some(path) = &self.kept
-            && let Err(error) = kept::keep(path, &self.shell.panels, self.shell.context())
-        {
+        if let Err(error) = self.keep_layout() {
             say(format!("the window layout is not saved: {error}"));
         }
         let end = Instant::now() + CLOSING;
