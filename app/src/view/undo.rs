@@ -11,7 +11,7 @@ use super::cameras::Views;
 use super::events::RendererId;
 use super::paint::Mode;
 use super::renderer::Choice;
-use super::viewer::{CameraList, Marks, Viewer};
+use super::viewer::{CameraList, Marks, SceneSettings, Viewer};
 use crate::draw::camera_path::PathSettings;
 use crate::draw::splat_set::SplatSet;
 use std::path::{Path, PathBuf};
@@ -25,10 +25,8 @@ pub struct Settings {
     /// Path of B's scene, if B has its own.
     other: Option<PathBuf>,
     cameras: CameraList,
-    /// Selected and hidden splats of A's and of B's scene.
-    marks: [Marks; 2],
-    /// Up directions that the user chose for A's and B's scene.
-    up: [Option<[f64; 3]>; 2],
+    /// Settings of A's and of B's scene.
+    sides: [SceneSettings; 2],
     a: Choice,
     b: Option<Choice>,
     compare: Mode,
@@ -43,11 +41,9 @@ impl Settings {
     pub fn of(viewer: &Viewer) -> Settings {
         let own = viewer.has_two_scenes().then(|| viewer.scene_path_of(RendererId::B));
         let other = viewer.loading(RendererId::B).or(own);
-        let (marks_a, up_a) = viewer.marks_and_up(RendererId::A);
-        let (marks_b, up_b) = other.map(|_| viewer.marks_and_up(RendererId::B)).unwrap_or_default();
+        let side_b = other.map(|_| viewer.scene_settings(RendererId::B)).unwrap_or_default();
         Settings {
-            marks: [marks_a, marks_b],
-            up: [up_a, up_b],
+            sides: [viewer.scene_settings(RendererId::A), side_b],
             scene: viewer.loading(RendererId::A).unwrap_or(viewer.scene_path()).to_owned(),
             other: other.map(Path::to_owned),
             cameras: viewer.camera_list().clone(),
@@ -63,7 +59,8 @@ impl Settings {
 
     /// Returns these settings without the selected and hidden splats.
     pub fn without_marks(self) -> Settings {
-        Settings { marks: Default::default(), ..self }
+        let sides = self.sides.map(|side| SceneSettings { up: side.up, ..SceneSettings::default() });
+        Settings { sides, ..self }
     }
 
     /// Applies these settings to a viewer, where they differ from its own.
@@ -83,17 +80,8 @@ impl Settings {
             Some(path) => viewer.open_scene_in(RendererId::B, path),
             None => viewer.share_scene(),
         }
-        for ((id, marks), up) in [RendererId::A, RendererId::B].into_iter().zip(&self.marks).zip(self.up) {
-            let own = id == RendererId::A || viewer.has_two_scenes();
-            // A scene that is loaded again carries its marks over.
-            let is_other = viewer.loading(id).is_some_and(|path| !viewer.reloads(id, path));
-            if is_other {
-                viewer.restore_later(id, marks.clone(), up);
-            } else if own {
-                viewer.cancel_searches(id);
-                viewer.set_marks(id, marks.clone());
-                viewer.restore_up(id, up);
-            }
+        for (id, side) in [RendererId::A, RendererId::B].into_iter().zip(&self.sides) {
+            viewer.restore_settings(id, side);
         }
         if now.compare != self.compare {
             viewer.choose_compare(self.compare);
@@ -121,11 +109,12 @@ impl Settings {
             parts.push("scene".to_owned());
         } else if self.cameras != other.cameras {
             parts.push("cameras".to_owned());
-        } else if self.up != other.up {
+        } else if self.sides.iter().zip(&other.sides).any(|(a, b)| a.up != b.up) {
             parts.push("up direction".to_owned());
         }
-        let differs =
-            |of: fn(&Marks) -> &SplatSet| (0..2).any(|id| of(&self.marks[id]) != of(&other.marks[id]));
+        let differs = |of: fn(&Marks) -> &SplatSet| {
+            self.sides.iter().zip(&other.sides).any(|(a, b)| of(&a.marks) != of(&b.marks))
+        };
         if differs(|marks| &marks.hidden) {
             parts.push("hidden splats".to_owned());
         } else if differs(|marks| &marks.selected) {
@@ -191,25 +180,6 @@ impl History {
         }
     }
 
-    /// Replaces a scene's marks in all steps by the current ones, because its splats' indices changed. Does nothing if
-    /// the current settings lack the scene.
-    pub fn forget_marks(&mut self, scene: &Path) {
-        let Some(now) = &self.now else { return };
-        let of = |settings: &Settings| [settings.scene == scene, settings.other.as_deref() == Some(scene)];
-        let Some(side) = of(now).into_iter().position(|is_it| is_it) else { return };
-        for steps in [&mut self.past, &mut self.future] {
-            for step in &mut *steps {
-                let is_it = of(step);
-                for (marks, _) in step.marks.iter_mut().zip(is_it).filter(|(_, is_it)| *is_it) {
-                    marks.clone_from(&now.marks[side]);
-                }
-            }
-            // Steps that differed only in these marks are now equal.
-            steps.dedup();
-            steps.pop_if(|step| step == now);
-        }
-    }
-
     #[cfg(test)]
     pub(in crate::view) fn steps(&self) -> usize {
         self.past.len()
@@ -269,8 +239,7 @@ mod tests {
         Settings {
             other: None,
             cameras: CameraList::default(),
-            marks: [Marks::default(), Marks::default()],
-            up: [None; 2],
+            sides: Default::default(),
             scene: "scene.ply".into(),
             a: Choice { graph: graph.to_owned(), set },
             b: None,
@@ -287,22 +256,6 @@ mod tests {
         let (plain, narrow) = (settings("splat", &[]), settings("splat", &[("digit_bits", "4")]));
         assert_eq!(plain.difference(&narrow), "digit_bits");
         assert_eq!(settings("tiled", &[]).difference(&narrow), "graph tiled");
-    }
-
-    #[test]
-    fn steps_that_only_marked_splats_are_gone_once_the_splats_have_other_indices() {
-        let marked = |scene: &str, hidden: &[u32]| {
-            let hidden = SplatSet::from_iter(hidden.iter().copied()).into();
-            let marks = [Marks { hidden, ..Marks::default() }, Marks::default()];
-            Settings { scene: scene.into(), marks, ..settings("splat", &[]) }
-        };
-        let mut history = History::default();
-        for step in [marked("one.ply", &[9]), marked("list.ron", &[]), marked("list.ron", &[1])] {
-            history.observe(step, false);
-        }
-        history.observe(marked("list.ron", &[5]), true);
-        history.forget_marks(Path::new("list.ron"));
-        assert_eq!(history.past, [marked("one.ply", &[9])], "marks of other scenes stay");
     }
 
     #[test]

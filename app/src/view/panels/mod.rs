@@ -397,7 +397,6 @@ impl Panels {
         // Record a drag as one step, when it ends.
         if !ctx.input(|input| input.pointer.any_down()) {
             self.undo.observe(Settings::of(viewer), std::mem::take(&mut self.by_program));
-            viewer.take_reindexed().iter().for_each(|scene| self.undo.forget_marks(scene));
         }
     }
 

@@ -5,6 +5,7 @@ use crate::draw::splat_set::SplatSet;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Input;
 use crate::view::viewer::Marks;
+use egui::{Key, Modifiers};
 use splatgraph_assets::{QUIET, Scene, Similarity, synth};
 use splatgraph_framework::reload::{Content, Wanted};
 use splatgraph_null::Config;
@@ -215,11 +216,11 @@ fn a_scene_whose_file_is_replaced_is_loaded_again_and_stays_with_an_error_while_
         script.viewer().set_marks(RendererId::A, marks);
         script.settle();
     }
-    let steps = script.panels().undo_steps();
     synth::generate("uniform", 100, 2).expect("generated").write_ply(&path).expect("written");
     loaded(&mut script);
     script.settle();
-    assert!(script.panels().undo_steps() < steps, "{steps} steps");
+    script.press(Key::Z, Modifiers::COMMAND);
+    assert!(script.viewer().marks(RendererId::A).is_empty());
     let identity = script.viewer().loaded(RendererId::A).identity();
     assert_eq!(identity, Scene::load(&path, QUIET).expect("loaded").identity());
 
@@ -241,6 +242,88 @@ fn a_scene_whose_file_is_replaced_is_loaded_again_and_stays_with_an_error_while_
     assert!(script.viewer().navigate(&Input { home: true, moved: [0.0; 2], ..drag() }));
     let after = script.viewer().world_camera();
     assert_eq!((after.position, after.rotation), (home.position, home.rotation), "Home is the first view");
+    script.close(&[]);
+}
+
+#[test]
+fn hidden_splats_return_with_their_file_and_so_do_the_steps_that_hid_them() {
+    let mut script = Script::open(&Config::default());
+    script.settle();
+    let set = |indices: &[u32]| SplatSet::from_iter(indices.iter().copied()).into();
+    let selected = Marks { selected: set(&[3, 7]), ..Marks::default() };
+    let hidden = Marks { hidden: set(&[3, 7]), ..Marks::default() };
+    for marks in [&selected, &hidden] {
+        script.viewer().set_marks(RendererId::A, marks.clone());
+        script.settle();
+    }
+    let path = script.path("first.ply");
+    let bytes = fs::read(&path).expect("read");
+    let replace = |script: &mut Script, bytes: &[u8]| {
+        script.events.clear();
+        fs::write(&path, bytes).expect("written");
+        script.until("the load", |script| loads(script) > 0);
+        script.settle();
+        let counts = |event: &Event| match event {
+            Event::Marked { selected, hidden } => Some((*selected, *hidden)),
+            _ => None,
+        };
+        script.events.iter().filter_map(counts).collect::<Vec<_>>()
+    };
+    let mut replaced = |bytes: &[u8]| {
+        let counts = replace(&mut script, bytes);
+        (counts, script.viewer().marks(RendererId::A).clone())
+    };
+    let second = fs::read(path.with_file_name("second.ply")).expect("read");
+    assert_eq!(replaced(&second), (vec![(0, 0)], Marks::default()));
+    assert_eq!(replaced(&bytes), (vec![(0, 2)], hidden.clone()));
+    let mut step = |redo: bool| {
+        script.press(Key::Z, if redo { Modifiers::COMMAND | Modifiers::SHIFT } else { Modifiers::COMMAND });
+        script.viewer().marks(RendererId::A).clone()
+    };
+    assert_eq!([step(false), step(false)], [selected.clone(), Marks::default()]);
+    assert_eq!([step(true), step(true)], [selected, hidden]);
+    script.close(&[]);
+}
+
+#[test]
+fn each_file_of_a_list_gets_its_hidden_splats_back_with_its_splats() {
+    let (mut script, _) = opened("Scenes([Scene(file: \"first.ply\"), Scene(file: \"second.ply\")])");
+    script.until("both scenes", |script| script.viewer().scene().count() == 300);
+    let set = |indices: &[u32]| SplatSet::from_iter(indices.iter().copied()).into();
+    let hidden = |indices: &[u32]| Marks { hidden: set(indices), ..Marks::default() };
+    script.viewer().set_marks(RendererId::A, hidden(&[7, 100, 299]));
+    script.settle();
+    let second = script.path("second.ply");
+    let bytes = fs::read(&second).expect("read");
+    synth::generate("uniform", 200, 1).expect("generated").write_ply(&second).expect("written");
+    loaded(&mut script);
+    assert_eq!(*script.viewer().marks(RendererId::A), hidden(&[7]));
+    script.viewer().set_marks(RendererId::A, hidden(&[9]));
+    fs::write(&second, &bytes).expect("written");
+    loaded(&mut script);
+    assert_eq!(*script.viewer().marks(RendererId::A), hidden(&[9, 100, 299]));
+    script.close(&[]);
+}
+
+#[test]
+fn undo_marks_no_splats_of_a_file_that_changed_while_another_was_shown() {
+    let mut script = Script::open(&Config::default());
+    script.settle();
+    let hidden = SplatSet::from_iter([7]).into();
+    script.viewer().set_marks(RendererId::A, Marks { hidden, ..Marks::default() });
+    script.settle();
+    let (first, second) = (script.path("first.ply"), script.path("second.ply"));
+    script.viewer().open(&second);
+    script.until("the other scene", |script| script.viewer().scene_path() == second);
+    script.settle();
+    synth::generate("uniform", 100, 1).expect("generated").write_ply(&first).expect("written");
+    script.press(Key::Z, Modifiers::COMMAND);
+    script.until("the first scene", |script| script.viewer().scene_path() == first);
+    assert!(script.viewer().marks(RendererId::A).is_empty());
+    let text = "first.ply changed: its hidden splats are shown again";
+    let tells = |event: &Event| matches!(event, Event::Problem { text: told } if told.ends_with(text));
+    script.frame(false);
+    assert!(script.has_event(tells), "{:#?}", script.events);
     script.close(&[]);
 }
 

@@ -224,7 +224,7 @@ fn undo_restores_the_up_direction_also_with_a_replaced_scene() {
     script.settle();
     let up = |script: &mut Script| {
         let viewer = script.viewer();
-        (viewer.marks_and_up(RendererId::A).1, viewer.navigation.up().to_array())
+        (viewer.scene_settings(RendererId::A).up, viewer.navigation.up().to_array())
     };
     let opened = up(&mut script);
     let upright = (Some([0.0, 0.0, 1.0]), [0.0, 0.0, 1.0]);

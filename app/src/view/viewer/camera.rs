@@ -116,7 +116,7 @@ impl Viewer {
 
     /// Restores the up direction that the user chose for a viewport's scene. Another one for A's scene turns the view
     /// upright; see [`Viewer::show_upright`].
-    pub(in crate::view) fn restore_up(&mut self, id: RendererId, up: Option<[f64; 3]>) {
+    pub(super) fn restore_up(&mut self, id: RendererId, up: Option<[f64; 3]>) {
         match id {
             _ if self.subject_of(id).up == up => {}
             RendererId::B => self.subject_mut(id).up = up,

@@ -22,6 +22,7 @@ use crate::io::{losses, output};
 use glam::DVec3;
 use splatgraph_api::{BackendError, Device, Running};
 use splatgraph_assets::{Camera, Scene, grouped, names_scenes};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -41,8 +42,8 @@ pub use camera_list::CameraList;
 use comparing::Comparing;
 pub use comparing::Differences;
 use scene_watch::SceneWatch;
-use subject::Subject;
-pub use subject::{Combine, Marks, Part};
+pub use subject::{Combine, Marks, Part, SceneSettings};
+use subject::{SplatsKey, Subject};
 
 /// An error of creating or changing the viewer.
 #[derive(Debug, thiserror::Error)]
@@ -108,12 +109,13 @@ pub struct Viewer {
     picker: Latest<Picked>,
     /// Position of the splat that was selected before the last pick, in world coordinates.
     picked_before: Option<[f64; 3]>,
-    /// Marks and up directions of the scenes that are being loaded for A and B.
-    restored: [Option<(Marks, Option<[f64; 3]>)>; 2],
+    /// Settings of the scenes that are being loaded for A and B.
+    restored: [Option<SceneSettings>; 2],
     /// Paths of scenes, with their hidden splats that were in no file when another scene was opened.
     left: Vec<(PathBuf, Arc<SplatSet>)>,
-    /// Scenes that were loaded again with other splats or other indices; see [`Viewer::take_reindexed`].
-    reindexed: Vec<PathBuf>,
+    /// Keys of scenes that were loaded again with the same splats in the same order, by their identity; see
+    /// [`Viewer::splats_key`].
+    moved: BTreeMap<u64, SplatsKey>,
     exporter: Exporter,
     /// True if the window uses another device, so that pictures are copied through host memory.
     pub(super) to_host: bool,
@@ -181,7 +183,7 @@ impl Viewer {
             picked_before: None,
             restored: [const { None }; 2],
             left: Vec::new(),
-            reindexed: Vec::new(),
+            moved: BTreeMap::new(),
             exporter: Exporter::new(wake.clone()),
             to_host: false,
             rests: false,

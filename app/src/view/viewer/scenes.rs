@@ -3,7 +3,7 @@
 //! The camera is in the coordinates of A's scene. B's pictures use the same camera in world coordinates.
 
 use super::camera_list::CameraList;
-use super::subject::{Marks, Subject};
+use super::subject::{LostMarks, Marks, SceneSettings, Subject};
 use super::{Viewer, plural};
 use crate::draw::camera_path;
 use crate::io::load::LoadOptions;
@@ -197,16 +197,7 @@ impl Viewer {
                 }
                 let reloads = self.reloads(id, &path);
                 let mut subject = Subject::new(scene, path, self.wake.clone());
-                let restored = self.restored[opening::index(id)].take();
-                let (marks, up) = match restored {
-                    Some(restored) => restored,
-                    None if reloads => (self.carried_marks(id, &subject), self.subject_of(id).up),
-                    None => Default::default(),
-                };
-                subject.up = up;
-                if let Err(text) = subject.set_marks(marks) {
-                    self.events.push(Event::Problem { text });
-                }
+                self.arrange_marks(id, &mut subject, reloads);
                 if self.picked_in == id || !self.has_two_scenes() {
                     self.forget_picked();
                 }
@@ -264,18 +255,53 @@ impl Viewer {
         self.loading(RendererId::A).is_some_and(|path| !self.reloads(RendererId::A, path))
     }
 
-    /// Returns the marks for a scene that was loaded again. Reports marks that were dropped, and records reindexed
-    /// scenes.
-    fn carried_marks(&mut self, id: RendererId, subject: &Subject) -> Marks {
+    /// Gives a loaded scene its marks and its up direction: those to restore, or those of the shown scene if it was
+    /// loaded again. Reports changed numbers of marked splats, then marks that were dropped.
+    fn arrange_marks(&mut self, id: RendererId, subject: &mut Subject, reloads: bool) {
+        let is_own = id == RendererId::A || self.has_two_scenes();
+        let before = if is_own { self.marks(id).clone() } else { Marks::default() };
+        let (marks, lost) = match self.restored[opening::index(id)].take() {
+            Some(SceneSettings { marks, splats, up }) => {
+                subject.up = up;
+                let (selected, hidden) = (!marks.selected.is_empty(), !marks.hidden.is_empty());
+                let is_same = splats == Some(self.splats_key(&subject.whole)) || marks.is_empty();
+                let lost = LostMarks { file: subject.path.clone(), is_listed: true, selected, hidden };
+                if is_same { (marks, Vec::new()) } else { (Marks::default(), vec![lost]) }
+            }
+            None if reloads => self.carried_marks(id, subject),
+            None => Default::default(),
+        };
+        let refused = subject.set_marks(marks).err();
+        let count = |marks: &Marks| (marks.selected.len(), marks.hidden.len());
+        let (selected, hidden) = count(subject.marks());
+        if count(&before) != (selected, hidden) {
+            self.events.push(Event::Marked { selected, hidden });
+        }
+        let problems = lost.iter().map(ToString::to_string).chain(refused);
+        self.events.extend(problems.map(|text| Event::Problem { text }));
+    }
+
+    /// Returns the marks for a scene that was loaded again, and those that were dropped. Dropped marks are kept: if the
+    /// file becomes again what it was, its splats are marked again.
+    fn carried_marks(&mut self, id: RendererId, subject: &mut Subject) -> (Marks, Vec<LostMarks>) {
         let former = self.subject_of(id);
-        let (marks, lost) = former.carried_marks(subject);
+        subject.up = former.up;
         let (before, now) = (former.parts(), subject.parts());
         let has_same_splats = |(new, old)| subject.whole.has_splats_of(new, &former.whole, old);
-        let reindexed = before != now || !now.iter().zip(&before).all(has_same_splats);
-        self.reindexed.extend(reindexed.then(|| subject.path.clone()));
-        let problems = lost.iter().map(|lost| Event::Problem { text: lost.to_string() });
-        self.events.extend(problems);
-        marks
+        let is_reindexed = before != now || !now.iter().zip(&before).all(has_same_splats);
+        let former_key = self.splats_key(&former.whole);
+        let key = if is_reindexed { self.splats_key(&subject.whole) } else { former_key };
+        let returned = former.dropped.iter().find(|(of, _)| *of == key).map(|(_, marks)| marks.clone());
+        let (marks, lost) = former.carried_marks(subject, &returned.unwrap_or_default());
+        subject.dropped = former.dropped.iter().filter(|(of, _)| *of != key).cloned().collect();
+        if !lost.is_empty() {
+            subject.dropped.retain(|(of, _)| *of != former_key);
+            subject.dropped.push((former_key, former.marks().clone()));
+        }
+        if key != subject.whole.identity() {
+            self.moved.insert(subject.whole.identity(), key);
+        }
+        (marks, lost)
     }
 
     /// Returns true if the viewport's own scene is that at `path`: loading it again keeps the view and the marks. False

@@ -1,7 +1,7 @@
 //! Selects, hides and writes splats of the viewer's scenes.
 
 use super::Viewer;
-use super::subject::{Combine, Marks, Part, Search, Subject};
+use super::subject::{Combine, Marks, Part, SceneSettings, Search, SplatsKey, Subject};
 use crate::draw::select::{Reach, Region, select};
 use crate::draw::splat_set::{Masked, SplatSet};
 use crate::view::events::{Event, RendererId};
@@ -157,24 +157,38 @@ impl Viewer {
         self.exporter.progress()
     }
 
-    /// Keeps marks and the up direction for the scene that is being loaded for a viewport.
-    pub(in crate::view) fn restore_later(&mut self, id: RendererId, marks: Marks, up: Option<[f64; 3]>) {
-        self.restored[opening::index(id)] = Some((marks, up));
+    /// Returns the key of a loaded scene's splats. A scene that was loaded again with the same splats in the same order
+    /// has the key from before, even if the splats have moved.
+    pub(super) fn splats_key(&self, whole: &Scene) -> SplatsKey {
+        let identity = whole.identity();
+        self.moved.get(&identity).copied().unwrap_or(identity)
     }
 
-    /// Returns the marks and the up direction of a viewport's scene, also while it is being loaded; a changed file may
-    /// lose the marks.
-    pub(in crate::view) fn marks_and_up(&self, id: RendererId) -> (Marks, Option<[f64; 3]>) {
-        match (self.loading(id), &self.restored[opening::index(id)]) {
-            (Some(_), Some(restored)) => restored.clone(),
-            (Some(path), None) if !self.reloads(id, path) => Default::default(),
-            _ => (self.marks(id).clone(), self.subject_of(id).up),
+    /// Restores the settings of a viewport's scene: now, or once the scene is loaded if another is being loaded. The
+    /// marks are restored only if the scene has the splats of then.
+    pub(in crate::view) fn restore_settings(&mut self, id: RendererId, settings: &SceneSettings) {
+        // A scene that is loaded again carries its marks over.
+        if self.loading(id).is_some_and(|path| !self.reloads(id, path)) {
+            self.restored[opening::index(id)] = Some(settings.clone());
+        } else if id == RendererId::A || self.has_two_scenes() {
+            self.cancel_searches(id);
+            if settings.splats == Some(self.splats_key(self.loaded(id))) {
+                self.set_marks(id, settings.marks.clone());
+            }
+            self.restore_up(id, settings.up);
         }
     }
 
-    /// Takes the paths of scenes that were loaded again since the last call and have other splats or indices.
-    pub(in crate::view) fn take_reindexed(&mut self) -> Vec<PathBuf> {
-        std::mem::take(&mut self.reindexed)
+    /// Returns the settings of a viewport's scene, also while it is being loaded; a changed file may lose the marks.
+    pub(in crate::view) fn scene_settings(&self, id: RendererId) -> SceneSettings {
+        match (self.loading(id), &self.restored[opening::index(id)]) {
+            (Some(_), Some(restored)) => restored.clone(),
+            (Some(path), None) if !self.reloads(id, path) => SceneSettings::default(),
+            _ => {
+                let Subject { whole, up, .. } = self.subject_of(id);
+                SceneSettings { marks: self.marks(id).clone(), splats: Some(self.splats_key(whole)), up: *up }
+            }
+        }
     }
 
     pub(super) fn take_splats(&mut self) {

@@ -43,19 +43,42 @@ impl Marks {
         SplatSet::first(count).without(&self.hidden)
     }
 
+    /// Lists the selected and the hidden splats of a part of the scene, as indices into the part.
+    fn within(&self, part: &ScenePart) -> [Vec<u32>; 2] {
+        [&self.selected, &self.hidden].map(|set| {
+            let marked = part.splats.clone().filter(|at| set.contains(*at));
+            marked.map(|at| at - part.splats.start).collect()
+        })
+    }
+
     /// Returns the splats that are neither selected nor hidden, in a scene of `count` splats.
     pub fn rest(&self, count: u32) -> SplatSet {
         self.shown(count).without(&self.selected)
     }
 }
 
+/// Identifies the splats of a scene and their order: a number of the first scene that was loaded with them. Marks are
+/// indices of splats, and have a meaning only with the same key.
+pub type SplatsKey = u64;
+
+/// The settings of a scene that can be undone.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SceneSettings {
+    /// Selected and hidden splats.
+    pub marks: Marks,
+    /// Key of the splats that are marked; `None` while the scene is being loaded for the first time.
+    pub splats: Option<SplatsKey>,
+    /// Up direction that the user chose; `None` for that of the file.
+    pub up: Option<[f64; 3]>,
+}
+
 /// Marks of a file's splats that were dropped when the scene was loaded again.
 pub(super) struct LostMarks {
-    file: PathBuf,
+    pub file: PathBuf,
     /// True if the scene still has the file, with other splats.
-    is_listed: bool,
-    selected: bool,
-    hidden: bool,
+    pub is_listed: bool,
+    pub selected: bool,
+    pub hidden: bool,
 }
 
 impl fmt::Display for LostMarks {
@@ -121,6 +144,8 @@ pub(super) struct Subject {
     pub left_out: Arc<SplatSet>,
     /// The requested marks; `scene` shows them once the marked copy is made.
     marks: Marks,
+    /// Marks that were dropped when a changed file was loaded again, each with the key of its scene.
+    pub dropped: Vec<(SplatsKey, Marks)>,
     maker: Latest<Arc<Scene>>,
     /// The running search for the splats of a region or of a selection file.
     pub finder: Latest<(Combine, SplatSet)>,
@@ -139,6 +164,7 @@ impl Subject {
             up: None,
             left_out: Arc::default(),
             marks: Marks::default(),
+            dropped: Vec::new(),
             maker: Latest::new("show", wake.clone()),
             finder: Latest::new("select", wake),
             searches: VecDeque::new(),
@@ -152,6 +178,7 @@ impl Subject {
         let mut copy = Subject::new(self.whole.clone(), self.path.clone(), wake);
         copy.file.clone_from(&self.file);
         (copy.up, copy.left_out) = (self.up, self.left_out.clone());
+        copy.dropped.clone_from(&self.dropped);
         copy.scene.clone_from(&self.scene);
         if self.maker.busy() {
             let applied = copy.set_marks(self.marks.clone());
@@ -178,27 +205,36 @@ impl Subject {
 
     /// Maps the marks to a later load of the scene. A file's marks follow it to its new position in a list if it has
     /// the same splats; otherwise they are dropped, and returned. A file that a list names several times is matched in
-    /// order.
-    pub fn carried_marks(&self, new: &Subject) -> (Marks, Vec<LostMarks>) {
+    /// order. `former` has marks of the later load's splats from before they were dropped: a file whose splats differ
+    /// from those of this scene gets its part of them.
+    pub fn carried_marks(&self, new: &Subject, former: &Marks) -> (Marks, Vec<LostMarks>) {
         let (mut carried, mut lost) = ([Vec::new(), Vec::new()], Vec::new());
+        let mut carry = |own: &ScenePart, marked: &[Vec<u32>; 2]| {
+            for (indices, marked) in carried.iter_mut().zip(marked) {
+                indices.extend(marked.iter().map(|at| at + own.splats.start));
+            }
+        };
         let mut left = new.parts();
         for part in self.parts() {
-            let its_own = left.iter().position(|new| new.file == part.file).map(|at| left.remove(at));
-            let marked = [&self.marks.selected, &self.marks.hidden]
-                .map(|set| part.splats.clone().filter(|index| set.contains(*index)).collect::<Vec<u32>>());
-            if marked.iter().all(Vec::is_empty) {
+            let own = left.iter().position(|new| new.file == part.file).map(|at| left.remove(at));
+            let marked = self.marks.within(&part);
+            let returned = own.as_ref().map(|own| former.within(own)).unwrap_or_default();
+            if marked.iter().chain(&returned).all(Vec::is_empty) {
                 continue;
             }
-            let is_same = |own: &&ScenePart| new.whole.has_splats_of(own, &self.whole, &part);
-            if let Some(own) = its_own.as_ref().filter(is_same) {
-                for (indices, marked) in carried.iter_mut().zip(&marked) {
-                    indices.extend(marked.iter().map(|at| at - part.splats.start + own.splats.start));
+            let [selected, hidden] = marked.each_ref().map(|marked| !marked.is_empty());
+            match &own {
+                Some(own) if new.whole.has_splats_of(own, &self.whole, &part) => carry(own, &marked),
+                own => {
+                    own.iter().for_each(|own| carry(own, &returned));
+                    if selected || hidden {
+                        let is_listed = own.is_some();
+                        lost.push(LostMarks { file: part.file, is_listed, selected, hidden });
+                    }
                 }
-            } else {
-                let [selected, hidden] = marked.map(|marked| !marked.is_empty());
-                lost.push(LostMarks { file: part.file, is_listed: its_own.is_some(), selected, hidden });
             }
         }
+        left.iter().for_each(|own| carry(own, &former.within(own)));
         let [selected, hidden] = carried.map(|indices| Arc::new(indices.into_iter().collect()));
         (Marks { selected, hidden }, lost)
     }
