@@ -39,7 +39,8 @@ pub struct OpenedScene {
     pub load_ms: f64,
 }
 
-/// Stamps of a scene's files from before they were read, and the scene or its error.
+/// Stamps of a scene's files from before they were read, and the scene or its error. After an error, the files include
+/// those of an earlier load.
 pub type ReadScene = (Vec<Wanted>, Result<OpenedScene, String>);
 
 /// Use of a file's cameras.
@@ -127,15 +128,20 @@ impl Opening {
     /// Starts to read a scene for a viewport, with the cameras beside it, if any.
     ///
     /// Cancels the viewport's previous request and drops its result. [`Opening::take_scene`] returns the scene or the
-    /// file's error.
+    /// file's error. `former` lists the files of an earlier load: a scene that fails may be half written, and not name
+    /// all of its files.
     ///
     /// # Errors
     /// The system cannot start a thread. The previous request is cancelled even then.
-    pub fn open_scene(&mut self, id: RendererId, path: &Path) -> Result<(), String> {
+    pub fn open_scene(&mut self, id: RendererId, path: &Path, former: Vec<PathBuf>) -> Result<(), String> {
         self.newest += 1;
         let load = self.load.clone();
         self.scenes[index(id)].start(self.newest, path, move |path, is_cancelled| {
-            let (begun, files) = (Instant::now(), files(path));
+            let (begun, mut files) = (Instant::now(), files(path));
+            let named = files.len();
+            let is_unnamed = |former: &PathBuf| files.iter().all(|file| file.path != *former);
+            let unnamed: Vec<Wanted> = former.into_iter().filter(is_unnamed).map(stamped).collect();
+            files.extend(unnamed);
             let progress =
                 |_, _| if is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
             let opened = load.scene(path, &progress).map_err(|error| error.to_string()).map(|scene| {
@@ -146,6 +152,9 @@ impl Opening {
                 let load_ms = begun.elapsed().as_secs_f64() * 1e3;
                 OpenedScene { scene: Arc::new(scene), cameras, load_ms }
             });
+            if opened.is_ok() {
+                files.truncate(named);
+            }
             Ok((files, opened))
         })
     }
@@ -180,8 +189,11 @@ impl Opening {
 
 /// Lists the paths that decide what the scene at `path` contains ([`scene_paths`]), with stamps of the files' metadata.
 pub fn files(path: &Path) -> Vec<Wanted> {
-    let paths = scene_paths(path).into_iter();
-    paths.map(|path| Wanted { content: Content::stamp(&path), path }).collect()
+    scene_paths(path).into_iter().map(stamped).collect()
+}
+
+fn stamped(path: PathBuf) -> Wanted {
+    Wanted { content: Content::stamp(&path), path }
 }
 
 /// Returns the index of a viewport's scene. The window has no scene, so it maps to A.
@@ -221,8 +233,8 @@ mod tests {
         synth::generate("demo", 200_000, 0).unwrap().write_ply(&slow).unwrap();
         synth::generate("demo", 100, 0).unwrap().write_ply(&fast).unwrap();
         let mut opening = Opening::new(&(Arc::new(|| {}) as Wake));
-        opening.open_scene(RendererId::A, &slow).unwrap();
-        opening.open_scene(RendererId::A, &fast).unwrap();
+        opening.open_scene(RendererId::A, &slow, Vec::new()).unwrap();
+        opening.open_scene(RendererId::A, &fast, Vec::new()).unwrap();
         assert_eq!(opening.scene(RendererId::A), Some(fast.as_path()));
         let opened = waited(|| opening.take_scene(RendererId::A));
         assert_eq!(opened.path, fast);
@@ -248,7 +260,7 @@ mod tests {
             (PathBuf::from("/dev/zero"), "device"),
             (folder.path().join("nothing.ply"), "No such file"),
         ] {
-            opening.open_scene(RendererId::A, &path).unwrap();
+            opening.open_scene(RendererId::A, &path, Vec::new()).unwrap();
             let Ok((_, Err(error))) = waited(|| opening.take_scene(RendererId::A)).content else {
                 panic!("{} is a scene", path.display());
             };

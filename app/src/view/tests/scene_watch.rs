@@ -10,7 +10,7 @@ use splatgraph_assets::{QUIET, Scene, Similarity, synth};
 use splatgraph_framework::reload::{Content, Wanted};
 use splatgraph_null::Config;
 use std::fs;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 fn drag() -> Input {
     Input { size: [320.0, 180.0], seconds: 0.01, moved: [90.0, 20.0], drags: true, ..Input::default() }
@@ -324,6 +324,24 @@ fn undo_marks_no_splats_of_a_file_that_changed_while_another_was_shown() {
     let tells = |event: &Event| matches!(event, Event::Problem { text: told } if told.ends_with(text));
     script.frame(false);
     assert!(script.has_event(tells), "{:#?}", script.events);
+    script.close(&[]);
+}
+
+#[test]
+fn a_mistake_in_a_list_is_told_once() {
+    let list = "Scenes([Scene(file: \"first.ply\"), Scene(file: \"second.ply\")])";
+    let (mut script, write) = opened(list);
+    script.until("both scenes", |script| script.viewer().scene().count() == 300);
+    let failures = |script: &Script| {
+        script.events.iter().filter(|event| matches!(event, Event::SceneFailed { .. })).count()
+    };
+    write(&list[..list.len() - 3]);
+    script.until("the mistake", |script| failures(script) > 0);
+    let begun = Instant::now();
+    script.until("time for another load", |_| begun.elapsed() > Duration::from_millis(600));
+    assert_eq!(failures(&script), 1, "{:#?}", script.events);
+    write(list);
+    assert_eq!(loaded(&mut script), 300);
     script.close(&[]);
 }
 

@@ -3,7 +3,7 @@
 use crate::view::events::RendererId;
 use crate::view::opening;
 use crate::view::renderer::Wake;
-use splatgraph_framework::reload::{Content, Wanted, Watcher};
+use splatgraph_framework::reload::{Wanted, Watcher};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -54,14 +54,10 @@ impl SceneWatch {
         self.watch();
     }
 
-    /// Returns the watched files of a scene that its newest load did not find, stamped as missing. `now` lists the
-    /// files found. A half-written scene may not name all of its files.
-    pub fn missing(&self, id: RendererId, path: &Path, now: &[Wanted]) -> Vec<Wanted> {
-        let former = self.scenes[opening::index(id)].files.get(path).into_iter().flatten();
-        former
-            .filter(|old| now.iter().all(|file| file.path != old.path))
-            .map(|old| Wanted { path: old.path.clone(), content: Content::Missing })
-            .collect()
+    /// Returns the paths of the watched files of a scene; empty if it is not watched.
+    pub fn files(&self, id: RendererId, path: &Path) -> Vec<PathBuf> {
+        let files = self.scenes[opening::index(id)].files.get(path).into_iter().flatten();
+        files.map(|file| file.path.clone()).collect()
     }
 
     /// Counts a watched scene as changed again, because the load that its change started was cancelled.

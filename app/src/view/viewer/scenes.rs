@@ -94,7 +94,8 @@ impl Viewer {
         if id == RendererId::A {
             self.restored_cameras = None;
         }
-        if let Err(error) = self.opening.open_scene(id, path) {
+        let former = self.scene_watch.files(id, path);
+        if let Err(error) = self.opening.open_scene(id, path, former) {
             self.events.push(Event::SceneFailed { path: path.to_owned(), error, stays: false });
         }
     }
@@ -217,8 +218,7 @@ impl Viewer {
                     self.reloads(id, &path) || self.failed_scene(id) == Some(&*path) || names_scenes(&path);
                 let event = Event::SceneFailed { path: path.clone(), error, stays };
                 if stays && !files.is_empty() {
-                    let missing = self.scene_watch.missing(id, &path, &files);
-                    self.follow(id, &path, files.into_iter().chain(missing).collect());
+                    self.follow(id, &path, files);
                 }
                 if stays {
                     let text = located(&event.to_string(), &path);
