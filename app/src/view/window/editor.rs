@@ -95,7 +95,7 @@ impl Editor {
 /// Advises the user what to do if the program for `editor` fails.
 fn advice(editor: &str) -> String {
     let known = EDITORS.map(|(name, _)| name).join(", ");
-    match editor.split_whitespace().next() {
+    match words(editor).first() {
         None => format!("Set VISUAL to one of {known}"),
         Some(program) if arguments_of(program).is_some() => format!("VISUAL or EDITOR is `{editor}`"),
         Some(program) => format!(
@@ -129,8 +129,19 @@ fn arguments_of(program: &str) -> Option<&'static [&'static str]> {
     EDITORS.iter().find(|(known, _)| name == *known).map(|(_, arguments)| *arguments)
 }
 
+/// Splits an editor's variable into the program and its arguments, at white space outside of quotes, as a shell does.
+/// Returns the path of a program unchanged, and nothing for a quote without its end.
+fn words(editor: &str) -> Vec<String> {
+    if Path::new(editor).is_file() {
+        return vec![editor.to_owned()];
+    }
+    // On Windows, backslashes separate folders; for shells, they quote.
+    let text = if cfg!(windows) { editor.replace('\\', r"\\") } else { editor.to_owned() };
+    shlex::split(&text).unwrap_or_default()
+}
+
 fn command(editor: &str, path: &Path, Origin { line, column, .. }: &Origin) -> (String, Vec<String>) {
-    let mut words = editor.split_whitespace().map(str::to_owned);
+    let mut words = words(editor).into_iter();
     let program = words.next().unwrap_or_default();
     let Some(arguments) = arguments_of(&program) else {
         let opener = if cfg!(target_vendor = "apple") { "open" } else { "xdg-open" };
@@ -160,6 +171,24 @@ mod tests {
         assert_eq!(of("/usr/bin/gvim"), "/usr/bin/gvim +7 /graphs/a.ron");
         assert!(of("vim").ends_with(" vscode://file/graphs/a.ron:7:3"), "vim needs a terminal");
         assert!(of("").ends_with(" vscode://file/graphs/a.ron:7:3"));
+    }
+
+    #[test]
+    fn an_editor_in_a_folder_with_a_space_is_found_and_quotes_are_those_of_a_shell() {
+        let folder = tempfile::tempdir().unwrap();
+        let program = folder.path().join("my editors/code");
+        std::fs::create_dir_all(program.parent().unwrap()).unwrap();
+        std::fs::write(&program, "").unwrap();
+        let program = program.display().to_string();
+        let origin = Origin { file: "a.ron".to_owned(), line: 7, column: 3 };
+        let of = |editor: &str| command(editor, Path::new("/a.ron"), &origin);
+        let goto = ["--goto", "/a.ron:7:3"].map(str::to_owned);
+        assert_eq!(of(&program), (program.clone(), goto.to_vec()));
+        let (found, arguments) = of(&format!("'{program}' --profile \"my graphs\" --wait"));
+        assert_eq!(found, program);
+        assert_eq!(arguments[..3], ["--profile", "my graphs", "--wait"]);
+        assert_eq!(arguments[3..], goto);
+        assert!(advice(&format!("'{program}'")).starts_with("VISUAL or EDITOR is "));
     }
 
     #[test]
