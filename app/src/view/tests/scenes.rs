@@ -5,9 +5,9 @@ use crate::draw::backend::Backend;
 use crate::draw::splat_set::SplatSet;
 use crate::view::events::{Event, RendererId};
 use crate::view::paint::Mode;
-use crate::view::viewer::Marks;
+use crate::view::viewer::{Marks, Part};
 use egui::{Key, Modifiers};
-use splatgraph_assets::{Camera, synth};
+use splatgraph_assets::{Camera, Scene, Splat, synth};
 use splatgraph_null::{Config, Fault, Point};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -143,6 +143,48 @@ fn hidden_splats_of_a_scene_that_is_no_longer_shown_count_as_unsaved_until_undo_
     script.until("the first scene", |script| script.viewer().scene_path() == first);
     assert_eq!(script.viewer().marks(RendererId::A), &marks);
     assert_eq!(script.viewer().unsaved().as_deref(), Some("2 hidden splats"));
+    script.close(&[]);
+}
+
+#[test]
+fn a_file_that_cannot_be_finished_saves_no_hidden_splats_and_loses_none_that_another_file_saved() {
+    let mut script = Script::open(&Config::default());
+    script.settle();
+    let b = RendererId::B;
+    // No .spz file has room for this coordinate, which is found while the file is written.
+    let far = |at: usize| Splat {
+        position: [if at == 0 { 1e7 } else { 0.0 }, 0.0, at as f32],
+        ..synth::generate("demo", 1, 0).expect("a scene").splat(0)
+    };
+    let second = script.path("second.ply");
+    Scene::generate(10, 0, far).write_ply(&second).expect("the scene is written");
+    script.viewer().choose_compare(Mode::Split);
+    script.viewer().open_scene_in(b, &second);
+    script.settle();
+    let set = |splats: &[u32]| Arc::new(splats.iter().copied().collect::<SplatSet>());
+    let failed = |event: &Event| matches!(event, Event::FileFailed { .. });
+    let export = |script: &mut Script, part: Part, name: &str| {
+        let path = script.path(name);
+        script.events.clear();
+        assert!(script.viewer().export(b, part, &path), "{:#?}", script.events);
+    };
+
+    script.viewer().set_marks(b, Marks { selected: set(&[0]), hidden: set(&[7, 9]) });
+    export(&mut script, Part::Rest, "rest.ply");
+    assert_eq!(script.viewer().unsaved(), None, "closing waits for the file");
+    script.until("the file", |script| script.has_event(|event| matches!(event, Event::Exported { .. })));
+    assert_eq!(script.viewer().unsaved(), None);
+    export(&mut script, Part::Selected, "selection.spz");
+    script.until("the failure", |script| script.has_event(failed));
+    assert_eq!(script.viewer().unsaved(), None, "the other file is still there");
+
+    script.viewer().set_marks(b, Marks { hidden: set(&[7]), ..Marks::default() });
+    export(&mut script, Part::Rest, "rest.spz");
+    script.viewer().share_scene();
+    assert_eq!(script.viewer().unsaved(), None, "the file is being written");
+    script.until("the failure", |script| script.has_event(failed));
+    let expected = format!("1 hidden splat of {}", second.display());
+    assert_eq!(script.viewer().unsaved(), Some(expected));
     script.close(&[]);
 }
 

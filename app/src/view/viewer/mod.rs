@@ -113,6 +113,8 @@ pub struct Viewer {
     restored: [Option<SceneSettings>; 2],
     /// Paths of scenes, with their hidden splats that were in no file when another scene was opened.
     left: Vec<(PathBuf, Arc<SplatSet>)>,
+    /// Path of the scene of which the rest is being written, with its hidden splats.
+    saving: Option<(PathBuf, Arc<SplatSet>)>,
     /// Keys of scenes that were loaded again with the same splats in the same order, by their identity; see
     /// [`Viewer::splats_key`].
     moved: BTreeMap<u64, SplatsKey>,
@@ -183,6 +185,7 @@ impl Viewer {
             picked_before: None,
             restored: [const { None }; 2],
             left: Vec::new(),
+            saving: None,
             moved: BTreeMap::new(),
             exporter: Exporter::new(wake.clone()),
             to_host: false,
@@ -225,14 +228,16 @@ impl Viewer {
     }
 
     /// Describes the user's work that is in no file: saved views, keys, and hidden splats. Hidden splats of scenes that
-    /// are no longer shown are included. `None` if there is none.
+    /// are no longer shown are included, those of a file that is being written are not. `None` if there is none.
     pub fn unsaved(&self) -> Option<String> {
         let new =
             |cameras: &[Camera]| cameras.iter().filter(|camera| !self.in_files.contains(camera)).count();
         let scenes = [Some(&self.subject), self.other.as_ref()].into_iter().flatten();
+        let scenes = scenes.filter(|subject| !self.is_saving(&subject.path, &subject.marks().hidden));
         let hidden = (scenes.map(|subject| u64::from(subject.unsaved())).sum(), "hidden splat");
         let cameras = [(new(self.views.list()) as u64, "view"), (new(self.path.keys()) as u64, "keyframe")];
-        let left = self.left.iter().map(|(path, hidden)| {
+        let left = self.left.iter().filter(|(path, hidden)| !self.is_saving(path, hidden));
+        let left = left.map(|(path, hidden)| {
             let text = plural(u64::from(hidden.len()), "hidden splat");
             format!("{text} of {}", output::one_line(&path.display().to_string()))
         });

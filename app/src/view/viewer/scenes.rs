@@ -245,7 +245,8 @@ impl Viewer {
         let name = output::one_line(&path.display().to_string()).into_owned();
         let (count, them) = (plural(count.into(), "hidden splat"), if count == 1 { "it" } else { "them" });
         let text = format!("Not saved: {count} of {name}; Undo shows the scene without {them} again");
-        self.events.push(Event::Problem { text });
+        let told = (!self.is_saving(&path, &hidden)).then_some(Event::Problem { text });
+        self.events.extend(told);
         self.left.retain(|(left, _)| *left != path);
         self.left.push((path, hidden));
     }

@@ -146,10 +146,13 @@ impl Viewer {
             self.events.push(Event::FileFailed { path: path.to_owned(), error });
             return false;
         }
-        if part == Part::Rest {
-            self.subject_mut(id).left_out = hidden;
-        }
+        self.saving = (part == Part::Rest).then(|| (self.scene_path_of(id).to_owned(), hidden));
         true
+    }
+
+    /// Returns true if a file without the hidden splats of a scene is being written.
+    pub(super) fn is_saving(&self, path: &Path, hidden: &SplatSet) -> bool {
+        self.saving.as_ref().is_some_and(|(of, left_out)| of == path && **left_out == *hidden)
     }
 
     /// Describes the file that is being written; `None` if there is none.
@@ -215,11 +218,13 @@ impl Viewer {
             self.search(id);
         }
         if let Some(event) = self.exporter.take().map(exported) {
-            if matches!(event, Event::FileFailed { .. }) {
-                [Some(&mut self.subject), self.other.as_mut()]
-                    .into_iter()
-                    .flatten()
-                    .for_each(Subject::forget_file);
+            if let Some(saved) = self.saving.take()
+                && matches!(event, Event::Exported { .. })
+            {
+                self.left.retain(|left| *left != saved);
+                let subjects = [Some(&mut self.subject), self.other.as_mut()].into_iter().flatten();
+                let of_scene = subjects.filter(|subject| subject.path == saved.0);
+                of_scene.for_each(|subject| subject.left_out = saved.1.clone());
             }
             self.events.push(event);
         }

@@ -140,7 +140,7 @@ pub(super) struct Subject {
     pub file: PathBuf,
     /// Up direction that the user chose for the scene; `None` if the user chose none.
     pub up: Option<[f64; 3]>,
-    /// The hidden splats when the rest was last written to a file; empty before, and after a failure.
+    /// The hidden splats when the rest was last written to a file; empty before.
     pub left_out: Arc<SplatSet>,
     /// The requested marks; `scene` shows them once the marked copy is made.
     marks: Marks,
@@ -242,11 +242,6 @@ impl Subject {
     /// Counts the hidden splats; 0 if the last file of the rest was written with the same splats hidden.
     pub fn unsaved(&self) -> u32 {
         if self.left_out == self.marks.hidden { 0 } else { self.marks.hidden.len() }
-    }
-
-    /// Forgets the last file of the rest, because it could not be written.
-    pub fn forget_file(&mut self) {
-        self.left_out = Arc::default();
     }
 
     pub fn marks(&self) -> &Marks {
