@@ -480,6 +480,20 @@ fn check_and_dump_count_what_is_left_out_and_warn_where_a_result_was_asked_for()
 }
 
 #[test]
+fn a_built_in_graph_that_is_drawn_instead_of_a_file_is_told() {
+    let place = Place::demo(100);
+    let told = "warning: there is no file pipelines/splat.ron: the built-in graph of this name is drawn\n";
+    let count = |graph: &str| {
+        let line = format!("render scene.ply -p {graph} -c cameras.json#0 --size 64x36 -o a.png");
+        place.said(&line).1.matches(told).count()
+    };
+    assert_eq!(count("pipelines/splat.ron"), 1);
+    assert_eq!(count("splat"), 0);
+    place.write("pipelines/splat.ron", crate::place::shipped("pipelines/splat.ron"));
+    assert_eq!(count("pipelines/splat.ron"), 0);
+}
+
+#[test]
 fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reasons() {
     let place = Place::demo(5000);
     let needs = r#"require: [("device.max_groups_x < 1", "a device without workgroups")]"#;

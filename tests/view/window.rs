@@ -82,6 +82,20 @@ fn a_window_at_rest_draws_nothing_until_something_happens() {
 }
 
 #[test]
+fn a_graph_whose_file_is_deleted_is_replaced_by_the_built_in_one_with_a_message() {
+    let mut program = Program::launch(100, "--pipeline pipelines/splat.ron", |_| {});
+    assert!(program.window.appears(), "no window came");
+    program.until(0, "a picture", |event| event["event"] == "frame" && event["busy"] == false);
+    let since = program.now();
+    std::fs::remove_file(program.place.at("pipelines/splat.ron")).expect("it is deleted");
+    program.until(since, "a message", |event| {
+        let text = event["text"].as_str().unwrap_or_default();
+        text == "there is no file pipelines/splat.ron: the built-in graph of this name is drawn"
+    });
+    program.close();
+}
+
+#[test]
 fn a_window_that_cannot_be_drawn_says_why_and_ends() {
     let program = Program::launch(100, "", |place| place.write("pipelines/view/window.ron", "Graph("));
     let (status, errors) = program.end();

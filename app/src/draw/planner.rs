@@ -311,6 +311,12 @@ impl Planner {
         self.files.find(from, name, kind).ok()
     }
 
+    /// Returns true if the graph is found among the built-in files, not on disk.
+    pub fn is_built_in(&mut self, graph: &str) -> bool {
+        let file = self.file(None, graph, Kind::Graph);
+        file.is_some_and(|file| self.files.opened().any(|(id, _, is_on_disk)| id == file && !is_on_disk))
+    }
+
     /// Describes names of graphs to compare that stand for one file, or for a file that hides a built-in graph.
     ///
     /// Names without a file are left out.
@@ -366,6 +372,11 @@ pub fn new_warnings(plan: &Plan, told: &mut Vec<Warning>) -> Vec<Warning> {
     let new: Vec<Warning> = plan.warnings.iter().filter(is_new).cloned().collect();
     told.extend_from_slice(&new);
     new
+}
+
+/// Returns the message that a built-in graph replaces a file that the user named.
+pub fn replaced(graph: &str) -> String {
+    format!("there is no file {graph}: the built-in graph of this name is drawn")
 }
 
 /// Lists the settings that have no effect in a plan, each with the reason as a sentence.

@@ -133,7 +133,7 @@ pub struct Session {
     told_warnings: Vec<Warning>,
     /// Fallbacks of the last report.
     told: Vec<Fallback>,
-    /// Settings without an effect that were reported.
+    /// Settings without an effect, and graphs in place of files, that were reported.
     told_settings: BTreeSet<String>,
     loaded: Option<(Arc<Plan>, (u32, u32))>,
     /// Result of [`saves_state`] for the loaded plan: every frame asks for it.
@@ -514,6 +514,13 @@ impl Session {
         };
         let warnings = planner::new_warnings(&plan, &mut self.told_warnings);
         let _ = std::io::stderr().write_all(self.planner.warnings(&warnings, false).as_bytes());
+        let is_file = self.pipeline.ends_with(".ron");
+        if is_file
+            && self.planner.is_built_in(&self.pipeline)
+            && self.told_settings.insert(self.pipeline.clone())
+        {
+            say(format!("warning: {}", planner::replaced(&self.pipeline)));
+        }
         if plan.fallbacks != self.told {
             self.told.clone_from(&plan.fallbacks);
             Fallback::lacking(&plan.fallbacks).for_each(say);

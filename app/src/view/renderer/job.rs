@@ -41,6 +41,8 @@ pub(super) struct Built {
     /// has the same commands as [`Job::drawn`].
     pub outcome: Result<(Plan, Vec<Control>, Option<Ready>), Option<Failure>>,
     pub wanted: Vec<Wanted>,
+    /// The graph's name, and true if it is built in.
+    pub source: (String, bool),
     pub capacities: Capacities,
     pub inputs: PlanInputs,
     pub causes: Causes,
@@ -81,6 +83,7 @@ fn build(planner: &mut Planner, cancel: &Cancel, job: Job) -> Built {
     let plan = planner.plan(&graph, &set, &facts, &catalog);
     let plan = plan.and_then(|plan| Ok((plan, planner.controls(&graph, &set, &facts, &catalog)?)));
     let plan_ms = milliseconds(begun);
+    let is_built_in = planner.is_built_in(&graph);
     let wanted = planner.wanted();
     let begun = Instant::now();
     let outcome = plan.map_err(Failure::Graph).and_then(|(plan, controls)| {
@@ -99,7 +102,8 @@ fn build(planner: &mut Planner, cancel: &Cancel, job: Job) -> Built {
     // After cancellation, any error is irrelevant.
     let outcome = outcome.map_err(|failure| (!cancel.is_requested()).then_some(failure));
     let prepare_ms = milliseconds(begun);
-    Built { outcome, wanted, capacities, inputs, causes, asked, plan_ms, prepare_ms }
+    let source = (graph, is_built_in);
+    Built { outcome, wanted, source, capacities, inputs, causes, asked, plan_ms, prepare_ms }
 }
 
 fn set_progress(progress: &Mutex<String>, text: String) {

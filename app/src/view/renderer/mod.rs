@@ -29,6 +29,7 @@ mod state;
 use super::events::{Cause, Causes, Event, RendererId, Swap};
 use crate::draw::backend::Backend;
 use crate::draw::capacity::{Capacities, Overflow};
+use crate::draw::planner::replaced;
 use indexmap::{IndexMap, IndexSet};
 use job::{Built, Job, builder};
 use splatgraph_api::{BackendError, Device, DeviceInfo, FrameId, FrameResult, Inspect, Running};
@@ -95,6 +96,8 @@ pub struct Renderer {
     /// Number of devices released so far; identifies the current device.
     epoch: u64,
     choice: Choice,
+    /// The name of the current plan's graph, and true if it is built in; `None` before the first plan.
+    source: Option<(String, bool)>,
     /// Settings that the current graph rejects. Each build tries them again.
     rejected: IndexMap<String, String>,
     /// Minimum values of the parameters that grow with overflows.
@@ -159,6 +162,7 @@ impl Renderer {
             device: DeviceState::new(Some(device)),
             epoch: 0,
             choice,
+            source: None,
             rejected: IndexMap::new(),
             capacities: Capacities::default(),
             drawn_with: Capacities::default(),
@@ -553,6 +557,7 @@ impl Renderer {
             prepare_ms: built.prepare_ms,
             latency_ms: 0.0,
         };
+        self.report_source(built.source);
         self.pending_swap = Some(PendingSwap { swap, asked: built.asked, former });
         if let Some(attempt) = self.build.running.take() {
             self.state.succeeded(attempt, Arc::new(plan));
@@ -562,6 +567,17 @@ impl Renderer {
             self.sort_settings();
         }
         self.apply_set();
+    }
+
+    /// Reports that a built-in graph replaces a file: one that the user named, or one that is gone since the last plan.
+    fn report_source(&mut self, source: (String, bool)) {
+        let (graph, is_built_in) = &source;
+        let is_gone = self.source.as_ref().is_some_and(|(former, built_in)| former == graph && !built_in);
+        let is_new = self.source.as_ref() != Some(&source);
+        if *is_built_in && is_new && (is_gone || graph.ends_with(".ron")) {
+            self.events.push(Event::Problem { text: replaced(graph) });
+        }
+        self.source = Some(source);
     }
 
     /// Sets aside the settings that the new plan's graph rejects, and restores rejected settings that it accepts again.
