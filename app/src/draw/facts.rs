@@ -187,7 +187,12 @@ pub fn set_device_fact(device: &mut DeviceFacts, name: &str, value: &Value) -> R
         _ => Err(format!("expected true or false for `{name}`, found {value}")),
     };
     if let Some((_, feature)) = FEATURE_FACTS.iter().find(|(fact, _)| *fact == name) {
-        device.features.set(*feature, truth()?);
+        let truth = truth()?;
+        device.features.set(*feature, truth);
+        if truth && name.starts_with("device.subgroup_") {
+            // Subgroups with any of these operations have the basic ones, for which there is no fact.
+            device.features.insert(Features::SUBGROUP_BASIC);
+        }
         return Ok(());
     }
     match name {

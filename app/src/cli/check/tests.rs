@@ -243,6 +243,23 @@ fn subgroups_that_are_wider_than_the_workgroup_give_one_warning_for_all_devices(
 }
 
 #[test]
+fn a_graph_that_requires_sums_over_subgroups_has_a_fallback_on_a_device_without_subgroups() {
+    let sums = graph(r#"("device.subgroup_arithmetic", "sums over subgroups")"#, "sum.comp", "8, 8");
+    let choice = r#"Choice(summary: "", of: [(graph: "sums.ron"), (graph: "plain.ron")])"#;
+    let plain = graph("", "good.comp", "8, 8");
+    let folder = folder(&[("sums.ron", &sums), ("plain.ron", &plain), ("choice.ron", choice)]);
+    let shader = "#version 460\n#extension GL_KHR_shader_subgroup_arithmetic : require\n\
+        layout(local_size_x = 64) in;\n\
+        layout(set = 0, binding = 0, rgba8) writeonly uniform image2D image;\n\
+        void main() { imageStore(image, ivec2(0), vec4(subgroupAdd(1.0))); }\n";
+    std::fs::write(folder.path().join("sum.comp"), shader).expect("writable");
+    let device = options::target(Some("webgpu")).expect("a device of the catalogue");
+    let path = folder.path().join("choice.ron").display().to_string();
+    let found = check(&mut Planner::default(), &path, &[], 1000, On::Named(&device), &mut |_| {});
+    assert!(right(found).contains("`plain.ron` is used instead of `sums.ron`"));
+}
+
+#[test]
 fn float_atomics_can_be_required_and_have_a_fallback() {
     let needs = r#"("device.buffer_float_atomic_add", "sums of floats")"#;
     let sums = |require: &str| {
