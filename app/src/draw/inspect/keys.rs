@@ -134,7 +134,7 @@ fn pushed(plan: &Plan, pass: &Pass, member: &str) -> Option<u32> {
 }
 
 /// Removes the indices of a part of a name: `scatter[2]` becomes `scatter`.
-pub(super) fn without_index(part: &str) -> &str {
+fn without_index(part: &str) -> &str {
     part.split_once('[').map_or(part, |(stem, _)| stem)
 }
 

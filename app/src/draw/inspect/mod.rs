@@ -25,7 +25,7 @@ use contents::shown;
 pub use contents::{Histogram, ReadAs, Values, Words};
 pub use declared::Channel;
 pub use keys::{KeyOrder, holds_keys, sorted_keys};
-use keys::{without_half, without_index, without_indices};
+use keys::{without_half, without_indices};
 
 /// Number of words to show at each end of the contents.
 const SHOWN: usize = 8;
@@ -105,12 +105,15 @@ pub fn in_prologue(plan: &Plan, target: &Inspect) -> bool {
     plan.pass(target.after).run == Run::Once
 }
 
-/// Returns true if `name` is the end of a pass's name, with or without the indices of repeats.
+/// Returns true if `name` is the end of a pass's name. Each part may lack its last indices.
 ///
-/// For instance, `scatter`, `sort.scatter` and `scatter[2]` are ends of `order[0].sort.scatter[2]`.
+/// For instance, `scatter`, `sort.scatter` and `scatter[2]` are ends of `order[0].sort.scatter[2][1]`.
 fn is_end(name: &str, full: &str) -> bool {
     let mut parts = full.rsplit('.');
-    name.rsplit('.').all(|part| parts.next().is_some_and(|full| full == part || without_index(full) == part))
+    let is_start = |part: &str, full: &str| {
+        full.strip_prefix(part).is_some_and(|indices| indices.is_empty() || indices.starts_with('['))
+    };
+    name.rsplit('.').all(|part| parts.next().is_some_and(|full| is_start(part, full)))
 }
 
 /// Lists the passes that match a name, last pass first; at least one. The whole name is preferred, then ends of names
@@ -439,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn indices_of_any_repeat_around_a_pass_can_be_left_out() {
+    fn the_last_indices_of_each_part_of_a_name_can_be_left_out() {
         let mut plan = plan();
         // It has contents after any pass.
         plan.resources[2].history = Some("args".into());
@@ -453,6 +456,13 @@ mod tests {
         for name in ["scatter", "sort.scatter", "scatter[1]", "turn.sort.scatter", "turn[1].sort.scatter"] {
             assert_eq!(after(name), Ok(2), "{name}");
         }
+        plan.passes
+            .iter_mut()
+            .zip(["step[0][3]", "step[1][2]", "step[1][3]"])
+            .for_each(|(pass, name)| pass.name = name.into());
+        let after = |name: &str| resolve(&plan, "args", name).map(|found| found.after.0);
+        let found = ["step", "step[0]", "step[1]", "step[1][2]"].map(after);
+        assert_eq!(found, [Ok(2), Ok(0), Ok(2), Ok(1)]);
         for name in ["turn", "sort", "turn.scatter", "atter"] {
             assert!(after(name).is_err(), "{name}");
         }
