@@ -227,7 +227,7 @@ impl<'a> Parser<'a> {
             match self.peek_kind(0) {
                 Some(TokenKind::Comma) => self.at += 1,
                 Some(TokenKind::Close(c)) if *c == closer => {}
-                _ => return Err(self.expected_separator(closer)),
+                _ => return Err(self.expected_separator(closer, &children)),
             }
         }
         let end = self.tokens[self.at].end;
@@ -310,8 +310,12 @@ impl<'a> Parser<'a> {
         Box::new(Diagnostic::new(message, Span::new(self.file, place), label))
     }
 
-    /// Returns the error for an element that is not followed by a comma or the closing bracket.
-    fn expected_separator(&mut self, closer: char) -> Box<Diagnostic> {
+    /// Returns the error for an element that is not followed by a comma or the closing bracket. It is the last of
+    /// `children`.
+    fn expected_separator(&mut self, closer: char, children: &[usize]) -> Box<Diagnostic> {
+        if let Some(error) = children.last().and_then(|child| self.unquoted_at(*child)) {
+            return Box::new(error);
+        }
         let starts_element = matches!(
             self.peek_kind(0),
             Some(TokenKind::Identifier | TokenKind::Scalar | TokenKind::Text(_) | TokenKind::Open(_))
@@ -321,14 +325,9 @@ impl<'a> Parser<'a> {
         }
         let (before, next) = (&self.tokens[self.at - 1], &self.tokens[self.at]);
         let end = before.end;
-        // `Threads(scene.count)`: an expression lacks its quotes.
-        if before.end == next.start
-            && before.kind == TokenKind::Identifier
-            && self.text[next.place()].starts_with('.')
-        {
-            let place = before.start..next.end;
-            let span = Span::new(self.file, place.clone());
-            return Box::new(unquoted(&self.text[place], span));
+        // `Dispatch(name "first")`
+        if closer == ')' && children.len() == 1 && before.kind == TokenKind::Identifier {
+            return self.expected(&format!("`:` after `{}`", &self.text[before.place()]));
         }
         let message = format!("expected `,` or `{closer}`, found {}", self.found(next));
         let error = self.error(end..end, message, "a comma may be missing here");
@@ -338,6 +337,45 @@ impl<'a> Parser<'a> {
             return Box::new(error.with_help("or there is a missing or extra quote, here or earlier"));
         }
         error
+    }
+
+    /// Returns the error for an expression without quotes, such as `2 * n`: an operator follows the element `child`.
+    fn unquoted_at(&self, child: usize) -> Option<Diagnostic> {
+        let Node { place, head, content, .. } = &self.nodes[child];
+        let rest = &self.text[place.end..];
+        let after = rest.trim_start_matches(' ');
+        let is_operator = rest.starts_with('.')
+            || ["==", "!="].iter().any(|operator| after.starts_with(operator))
+            || after.starts_with(['+', '-', '*', '/', '%', '<', '>', '?', '&', '|']);
+        // `(1 -2)` lacks a comma.
+        let is_number = |text: &str| text.trim_start_matches('-').starts_with(|c: char| c.is_ascii_digit());
+        let is_list = is_number(&self.text[place.clone()]) && is_number(after);
+        let is_comment = ["//", "/*"].iter().any(|comment| after.starts_with(comment));
+        let is_operand = matches!(content, Content::Scalar) || is_call(self.text, head);
+        if !is_operator || is_list || is_comment || !is_operand {
+            return None;
+        }
+        // The expression may be an argument of a function.
+        let names = self.open.iter().rev().map(|opener| {
+            let name = self.text[..opener.start].trim_end_matches(|c: char| c.is_alphanumeric() || c == '_');
+            name.len()..opener.start
+        });
+        let start =
+            names.take_while(|name| is_call(self.text, name)).last().map_or(place.start, |name| name.start);
+        let mut depth = 0_i32;
+        let end = start
+            + self.text[start..].find(|c: char| {
+                let ends = depth == 0 && matches!(c, ',' | ')' | ']' | '}' | '\n');
+                match c {
+                    '(' | '[' | '{' => depth += 1,
+                    ')' | ']' | '}' => depth -= 1,
+                    _ => {}
+                }
+                ends || c == '"'
+            })?;
+        let expression = self.text[start..end].trim_end();
+        let span = Span::new(self.file, start..start + expression.len());
+        (!self.text[end..].starts_with('"')).then(|| unquoted(expression, span))
     }
 
     /// Returns the error for an unexpected token or end of the text; `what` describes what was expected.
@@ -389,6 +427,11 @@ impl<'a> Parser<'a> {
         }
         self.error(end..end, format!("expected {what}, found the end of the file"), "the file ends here")
     }
+}
+
+/// Returns true if the word at `place` is no name of a struct or a variant, which begin with a capital letter.
+pub(super) fn is_call(text: &str, place: &Range<usize>) -> bool {
+    text[place.clone()].starts_with(char::is_lowercase)
 }
 
 pub(super) fn unquoted(name: &str, span: Span) -> Diagnostic {

@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use ron::error::{Error, Position, SpannedError};
 
-use super::outline::{Content, Node, unquoted};
+use super::outline::{Content, Node, is_call, unquoted};
 use super::{Diagnostic, Outline, nearest};
 
 /// Converts an error of the `ron` crate to a diagnostic that points at the mistake in `text`.
@@ -49,6 +49,9 @@ struct Translator<'a> {
 
 impl Translator<'_> {
     fn diagnostic(&self, error: &Error) -> Diagnostic {
+        if let Some(call) = self.call_at_cursor() {
+            return unquoted(&self.text[call.clone()], self.outline.span(call));
+        }
         match error {
             Error::NoSuchStructField { expected, found, outer } => {
                 let of = outer.as_deref().map(|outer| format!(" in `{outer}`")).unwrap_or_default();
@@ -315,6 +318,21 @@ impl Translator<'_> {
 
     fn node_at_cursor(&self) -> Option<&Node> {
         self.outline.starting_at(self.end)
+    }
+
+    /// Returns the outermost call at the cursor, such as `max(a, b)`, or a negated name: expressions without quotes.
+    fn call_at_cursor(&self) -> Option<Range<usize>> {
+        let cursor = self.value_at_cursor().start;
+        let is_expression = |node: &&Node| match node.content {
+            Content::List { bracket: '(', .. } => is_call(self.text, &node.head),
+            Content::Scalar => {
+                self.text[node.place.clone()].starts_with('-')
+                    && is_call(self.text, &(node.place.start + 1..node.place.end))
+            }
+            _ => false,
+        };
+        let nodes = self.outline.nodes.iter().filter(|node| node.place.contains(&cursor));
+        nodes.filter(is_expression).map(|node| node.place.clone()).max_by_key(Range::len)
     }
 
     /// Returns the span of the element at the cursor, or of the element that ends before it.

@@ -141,7 +141,7 @@ impl<'a> Lexer<'a> {
                 );
                 match c {
                     '=' => error.help.push("a field is written `name: value`".into()),
-                    '*' | '/' | '%' | '<' | '>' | '?' | '&' | '|' => {
+                    '*' | '/' | '%' | '<' | '>' | '?' | '&' | '|' | '!' => {
                         error.help.push("expressions are in quotes: `\"2 * n\"`".into());
                     }
                     ';' => error.help.push("items are separated by `,`".into()),
