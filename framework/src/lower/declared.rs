@@ -351,10 +351,14 @@ pub(super) fn parameters(
 
 /// Returns the error for an include of `graph`, found as `file`, that leads back to a graph around it.
 pub(super) fn circular(graph: &str, file: FileId, place: &Place, files: &SourceMap) -> Diagnostic {
-    let error =
-        place.error("these graphs include each other", "leads back to a graph that includes this one");
+    let error = match file == place.span().file {
+        true => place.error("this graph includes itself", "an include of this file"),
+        false => {
+            place.error("these graphs include each other", "leads back to a graph that includes this one")
+        }
+    };
     if !files.hides_built_in(file, graph) {
-        return error;
+        return error.with_help("a `Repeat` runs passes once for each level, whose number is its variable");
     }
     let path = files.path(file);
     error.with_help(format!("{path} takes precedence over the built-in `{graph}`: give it another name"))
