@@ -7,6 +7,7 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::select;
+use splatgraph_framework::ir::DepthAccess::{self, Test, TestAndWrite, Write};
 
 #[derive(Clone, Debug)]
 pub struct Recipe {
@@ -163,10 +164,10 @@ pub enum Kind {
         once: bool,
         local: u32,
     },
-    /// Targets by index, each with true if its contents are kept; and the depth attachment, with true if it is written.
+    /// Targets by index, each with true if its contents are kept; and the depth attachment.
     Draw {
         targets: Vec<(usize, bool)>,
-        depth: Option<(usize, bool)>,
+        depth: Option<(usize, DepthAccess)>,
         /// True to add to the targets, false to replace their contents.
         adds: bool,
         strip: bool,
@@ -283,7 +284,7 @@ fn kind() -> impl Strategy<Value = (Kind, usize)> {
         8 => (weighted(1, 6), select(vec![8u32, 16, 64])).prop_map(|(once, local)| (Kind::Dispatch { once, local }, 1)),
         3 => (
             vec((0..256usize, any::<bool>()), 1..=2),
-            proptest::option::of((0..256usize, any::<bool>())),
+            proptest::option::of((0..256usize, select(vec![Write, TestAndWrite, Test]))),
             weighted(1, 3),
             any::<bool>(),
         )

@@ -331,10 +331,9 @@ impl Writer<'_> {
                         format!("Target(image: \"{image}\", load: {load}, blend: {blend}), ")
                     })
                     .collect();
-                let depth = depth.map_or(String::new(), |(image, writes)| {
+                let depth = depth.map_or(String::new(), |(image, access)| {
                     let image = style.resource(Target::Image(image));
-                    let access = if writes { "Write" } else { "Test" };
-                    format!(", depth: Depth(image: \"{image}\", access: {access})")
+                    format!(", depth: Depth(image: \"{image}\", access: {access:?})")
                 });
                 self.line(&format!(
                     "Draw(name: \"{name}\",{when} vertex: \"{vertex}\", fragment: \"{fragment}\", topology: {topology}, call: {call}, bind: {{ {bind}}},{push} targets: [{targets}]{depth}),"

@@ -5,6 +5,7 @@
 //! small independent model of the language. Where it and the builder disagree, a graph is refused, and refusals are
 //! counted.
 
+use splatgraph_framework::ir::DepthAccess;
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::recipe::{
@@ -77,7 +78,7 @@ impl Pass {
             _ => (&[][..], None),
         };
         let targets = targets.iter().map(|(image, _)| (front(Target::Image(*image)), true));
-        let depth = depth.map(|(image, writes)| (front(Target::Image(image)), writes));
+        let depth = depth.map(|(image, access)| (front(Target::Image(image)), access != DepthAccess::Test));
         let indirect = self.indirect.iter().map(|(what, _)| (*what, false));
         self.binds.iter().map(|bind| (bind.what, bind.writes)).chain(targets).chain(depth).chain(indirect)
     }
@@ -97,7 +98,7 @@ enum Fault {
     Read(usize),
     /// Through a target whose contents are kept.
     Keep(usize),
-    /// Through a depth attachment that is only tested.
+    /// Through a depth attachment that is tested and not cleared.
     Depth,
     Indirect,
 }
@@ -291,11 +292,12 @@ impl Sketch {
         (!targets.is_empty()).then_some(targets)
     }
 
-    /// Returns a depth image of this size, and whether the draw writes it; `None` if there is none.
-    fn depth(&self, (index, writes): (usize, bool), size: (u32, u32)) -> Option<(usize, bool)> {
+    /// Returns a depth image of this size, with the access that is wished for; `None` if there is none.
+    fn depth(&self, wish: (usize, DepthAccess), size: (u32, u32)) -> Option<(usize, DepthAccess)> {
+        let (index, access) = wish;
         let fits = |at: &usize| self.images[*at].content == Content::Depth && self.size(*at) == size;
         let all: Vec<usize> = (0..self.images.len()).filter(fits).collect();
-        Some((*all.get(index % all.len().max(1))?, writes))
+        Some((*all.get(index % all.len().max(1))?, access))
     }
 
     /// Adds the pass that writes the output.
@@ -391,8 +393,11 @@ impl Sketch {
                     }
                 }
                 if let Kind::Draw { targets, depth, .. } = &pass.work {
-                    if depth.is_some_and(|(at, writes)| !writes && !readable(front(Target::Image(at)), false))
-                    {
+                    let is_early = |(at, access)| {
+                        let writes = access != DepthAccess::Test;
+                        access != DepthAccess::Write && !readable(front(Target::Image(at)), writes)
+                    };
+                    if depth.is_some_and(is_early) {
                         faults.insert((*at, Fault::Depth));
                     }
                     for (number, (image, keep)) in targets.iter().enumerate() {
@@ -417,6 +422,9 @@ impl Sketch {
             match (fault, work) {
                 (Fault::Indirect, _) => *indirect = None,
                 (Fault::Keep(number), Kind::Draw { targets, .. }) => targets[*number].1 = false,
+                (Fault::Depth, Kind::Draw { depth: Some((_, access @ DepthAccess::TestAndWrite)), .. }) => {
+                    *access = DepthAccess::Write;
+                }
                 (Fault::Depth, Kind::Draw { depth, .. }) => *depth = None,
                 // A dispatch keeps the binding and only writes it. A draw cannot write without reading, so it loses the
                 // binding.

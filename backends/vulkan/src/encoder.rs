@@ -333,6 +333,9 @@ fn depth_attachment(access: DepthAccess, image: &Image<VulkanGpu>) -> vk::Render
         DepthAccess::Write => {
             info.load_op(vk::AttachmentLoadOp::CLEAR).clear_value(far).store_op(vk::AttachmentStoreOp::STORE)
         }
+        DepthAccess::TestAndWrite => {
+            info.load_op(vk::AttachmentLoadOp::LOAD).store_op(vk::AttachmentStoreOp::STORE)
+        }
         DepthAccess::Test => info.load_op(vk::AttachmentLoadOp::LOAD).store_op(vk::AttachmentStoreOp::NONE),
     }
 }

@@ -243,7 +243,7 @@ fn draw(
     // Reversed: the near plane has depth 1, and nearer fragments greater depths.
     let tests = vk::PipelineDepthStencilStateCreateInfo::default()
         .depth_test_enable(depth.is_some())
-        .depth_write_enable(depth == Some(DepthAccess::Write))
+        .depth_write_enable(depth.is_some_and(|access| access != DepthAccess::Test))
         .depth_compare_op(vk::CompareOp::GREATER);
     let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
     let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);

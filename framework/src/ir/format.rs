@@ -96,6 +96,8 @@ pub enum Load {
 pub enum DepthAccess {
     /// Clears the image to 0 before the draw, tests, and writes the depth of each fragment that passes.
     Write,
+    /// Tests against the image, and writes the depth of each fragment that passes.
+    TestAndWrite,
     /// Tests against the image, and does not write it.
     Test,
 }

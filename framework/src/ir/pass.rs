@@ -200,7 +200,7 @@ pub struct Target<R = ResourceId> {
 pub struct DepthTarget<R = ResourceId> {
     /// The image, of the format [`Format::Depth32Float`](super::Format::Depth32Float).
     pub image: R,
-    /// Whether the draw writes depths or only tests them.
+    /// Whether the draw clears, writes or only tests depths.
     pub access: DepthAccess,
 }
 

@@ -129,6 +129,7 @@ impl Linker<'_> {
         // A cleared attachment is only written: the test reads what this pass cleared or drew.
         let (accesses, discards) = match access {
             DepthAccess::Write => (Accesses::DEPTH_WRITE, true),
+            DepthAccess::TestAndWrite => (Accesses::DEPTH_READ | Accesses::DEPTH_WRITE, false),
             DepthAccess::Test => (Accesses::DEPTH_READ, false),
         };
         touch(uses, image, Stages::DEPTH_TESTS, accesses, Some(Layout::DepthTarget), discards);

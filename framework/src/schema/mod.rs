@@ -566,7 +566,7 @@ pub struct TargetDecl {
 pub struct DepthDecl {
     /// The image, of the format `depth32f`.
     pub image: Reference,
-    /// Use of the image by the draw: clear, test and write, or only test.
+    /// Use of the image by the draw: clear, test and write; test and write; or only test.
     pub access: DepthAccess,
     /// Removes the attachment if false.
     #[serde(default)]

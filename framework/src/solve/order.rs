@@ -11,7 +11,7 @@ use petgraph::visit::EdgeRef;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 
-use crate::ir::{Accesses, Culled, ResourceId, Run, Source, Work};
+use crate::ir::{Accesses, Culled, Format, ResourceId, Run, Shape, Source, Work};
 use crate::link::LinkedPass;
 use crate::lower::{Lowered, LoweredPass, RemovedUse};
 use crate::source::Diagnostic;
@@ -129,7 +129,7 @@ fn needs(
             for user in users {
                 if user.pass != writer {
                     edge(writer, user.pass);
-                } else if user.accesses.contains(Accesses::COLOR_READ) && !history {
+                } else if keeps_contents(user.accesses) && !history {
                     errors.push((writer, never_written(writer, id, &[], passes, lowered)));
                 } else if user.accesses.reads() && !history {
                     unwritten.push((writer, id));
@@ -143,7 +143,7 @@ fn needs(
         for User { pass, accesses } in users {
             if accesses.reads() {
                 // A shader that also writes may read only its own writes; a kept target is read first.
-                let needs_contents = !accesses.writes() || accesses.contains(Accesses::COLOR_READ);
+                let needs_contents = !accesses.writes() || keeps_contents(*accesses);
                 // A history starts from zeros, and keeps data written by plans with other settings. It is still a
                 // mistake if no pass of the graph ever writes it.
                 let left_out = || lowered.unwritten.iter().any(|removed| removed.resource == id);
@@ -189,6 +189,13 @@ fn needs(
     graph
 }
 
+/// Returns true for an attachment that is read before it is written.
+fn keeps_contents(accesses: Accesses) -> bool {
+    [Accesses::COLOR_READ, Accesses::DEPTH_READ | Accesses::DEPTH_WRITE]
+        .iter()
+        .any(|kept| accesses.contains(*kept))
+}
+
 fn never_written(
     reader: usize,
     resource: ResourceId,
@@ -202,7 +209,7 @@ fn never_written(
     let stat = stats.find(|(stat, _)| stat.buffer == resource && passes[reader].pass.work == Work::Export);
     let keeps_it = |pass: usize| {
         let mut uses = passes[pass].pass.uses.iter();
-        uses.any(|u| u.resource == resource && u.accesses.contains(Accesses::COLOR_READ))
+        uses.any(|u| u.resource == resource && keeps_contents(u.accesses))
     };
     let keeps = keeps_it(reader);
     // A pass that keeps a target also writes it, but cannot provide contents for another pass to keep.
@@ -224,7 +231,12 @@ fn never_written(
     };
     let mut diagnostic = Diagnostic::new(message, span, label);
     if keeps {
-        diagnostic = diagnostic.with_help("`load: Clear(0, 0, 0, 1)` starts from a colour");
+        let is_depth =
+            matches!(plan.resource(resource).shape, Shape::Image { format: Format::Depth32Float, .. });
+        diagnostic = diagnostic.with_help(match is_depth {
+            true => "`access: Write` clears it",
+            false => "`load: Clear(0, 0, 0, 1)` starts from a colour",
+        });
     }
     if let Some(first) = first {
         diagnostic = diagnostic.with_label(passes[*first].span, "the first to write it").with_help(

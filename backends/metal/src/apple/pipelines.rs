@@ -174,7 +174,7 @@ fn draw(
 fn depth_state(gpu: &MetalGpu, access: DepthAccess) -> DepthStencilState {
     let descriptor = DepthStencilDescriptor::new();
     descriptor.set_depth_compare_function(MTLCompareFunction::Greater);
-    descriptor.set_depth_write_enabled(access == DepthAccess::Write);
+    descriptor.set_depth_write_enabled(access != DepthAccess::Test);
     gpu.device.new_depth_stencil_state(&descriptor)
 }
 

@@ -52,7 +52,7 @@ fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
     let inner = |dependency: &&Dependency| {
         dependency.since == Since::Same && group.passes.contains(&dependency.first)
     };
-    let keeps = tested.is_none_or(|depth| depth.access == DepthAccess::Test);
+    let keeps = tested.is_none_or(|depth| depth.access != DepthAccess::Write);
     images(own) == images(others)
         && tested.map(|depth| depth.image) == other_depth.map(|depth| depth.image)
         && keeps

@@ -329,10 +329,13 @@ impl Build {
         let pass = self.plan.passes.last_mut().expect("a draw");
         let Work::Draw { depth, .. } = &mut pass.work else { panic!("{} is no draw", pass.name) };
         *depth = Some(DepthTarget { image, access });
-        let write = access == DepthAccess::Write;
-        let accesses = if write { Accesses::DEPTH_WRITE } else { Accesses::DEPTH_READ };
+        let accesses = match access {
+            DepthAccess::Write => Accesses::DEPTH_WRITE,
+            DepthAccess::TestAndWrite => Accesses::DEPTH_READ | Accesses::DEPTH_WRITE,
+            DepthAccess::Test => Accesses::DEPTH_READ,
+        };
         let mut touch = touch(image, Stages::DEPTH_TESTS, accesses, Some(Layout::DepthTarget));
-        touch.discards = write;
+        touch.discards = access == DepthAccess::Write;
         pass.uses.push(touch);
     }
 

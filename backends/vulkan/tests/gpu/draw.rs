@@ -146,6 +146,11 @@ void main() { first = color; second = vec4(1, 0, 0.2, 1); }";
 ///
 /// Returns the colour inside the triangles, and the depths inside and outside.
 fn tested(colors: &[[f32; 4]], written: usize) -> ([f32; 4], [f32; 2]) {
+    drawn_behind(colors, written, DepthAccess::Test)
+}
+
+/// Draws triangles as [`tested`] does. The second draw uses the depths by `access`.
+fn drawn_behind(colors: &[[f32; 4]], written: usize, access: DepthAccess) -> ([f32; 4], [f32; 2]) {
     let mut build = Build::new();
     let parts = [&colors[..written], &colors[written..]];
     let image = build.image("color", Format::Rgba32Float, SIZE, SIZE, Usage::COLOR_TARGET);
@@ -155,7 +160,7 @@ fn tested(colors: &[[f32; 4]], written: usize) -> ([f32; 4], [f32; 2]) {
     let planes: Vec<ResourceId> = (0..2)
         .map(|part| build.scene("colors", part, 16, parts[part as usize].len().max(1) as u64))
         .collect();
-    for (part, access) in [(0, DepthAccess::Write), (1, DepthAccess::Test)] {
+    for (part, access) in [(0, DepthAccess::Write), (1, access)] {
         let load = if part == 0 { Load::Clear(0.0, 0.0, 0.0, 0.0) } else { Load::Keep };
         let target = Target { image, load, blend: Blend::Replace };
         let call = DrawCall::Direct { vertices: 3, instances: parts[part].len() as u32 };
@@ -188,4 +193,14 @@ fn a_draw_that_only_tests_is_hidden_by_what_is_nearer_and_leaves_the_depths() {
     // A depth test alone writes no depth, so a farther fragment drawn later still passes.
     let between = [1.0, 1.0, 0.0, 0.625];
     assert_eq!(tested(&[wall, before, between], 1), (between, [0.5, 0.0]));
+}
+
+#[test]
+fn a_second_draw_that_tests_and_writes_is_hidden_by_what_is_nearer_and_leaves_its_own_depths() {
+    let second = |colors: &[[f32; 4]]| drawn_behind(colors, 1, DepthAccess::TestAndWrite);
+    let wall = [1.0, 0.0, 0.0, 0.5];
+    let (behind, before) = ([0.0, 1.0, 0.0, 0.25], [0.0, 0.0, 1.0, 0.75]);
+    assert_eq!(second(&[wall, behind]), (wall, [0.5, 0.0]));
+    assert_eq!(second(&[wall, before]), (before, [0.75, 0.0]));
+    assert_eq!(second(&[wall, before, [1.0, 1.0, 0.0, 0.625]]), (before, [0.75, 0.0]));
 }

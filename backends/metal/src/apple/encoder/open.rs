@@ -166,7 +166,9 @@ impl Encoder {
                         attachment.set_load_action(MTLLoadAction::Clear);
                         attachment.set_clear_depth(0.0);
                     }
-                    DepthAccess::Test => attachment.set_load_action(MTLLoadAction::Load),
+                    DepthAccess::TestAndWrite | DepthAccess::Test => {
+                        attachment.set_load_action(MTLLoadAction::Load);
+                    }
                 }
                 attachment.set_store_action(MTLStoreAction::Store);
             }
