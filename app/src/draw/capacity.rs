@@ -7,7 +7,7 @@
 //! alone if the device has no room for more.
 
 use splatgraph_assets::grouped;
-use splatgraph_framework::ir::{Domain, Value};
+use splatgraph_framework::ir::{Domain, Stat, Value};
 use splatgraph_framework::plan::Plan;
 use std::fmt;
 
@@ -41,7 +41,9 @@ impl fmt::Display for Overflow {
 /// Lists the overflows in a frame of `plan`. `stats` are the frame's statistics by name.
 pub fn overflows(plan: &Plan, stats: &[(String, u32)]) -> Vec<Overflow> {
     let of = |param: &splatgraph_framework::ir::Param| {
-        let (_, needed) = stats.iter().find(|(name, _)| Some(name) == param.grows.as_ref())?;
+        let grows = |stat: &&Stat| stat.grows.contains(&param.name);
+        let value = |stat: &Stat| stats.iter().find(|(name, _)| *name == stat.name).map(|(_, value)| value);
+        let needed = plan.stats.iter().filter(grows).filter_map(value).max()?;
         match (&param.value, &param.domain) {
             (Value::Int(room), Domain::Int { max, .. }) if i64::from(*needed) > *room => Some(Overflow {
                 parameter: param.name.clone(),
@@ -101,9 +103,25 @@ impl Capacities {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::draw::planner::testing;
 
     fn short(room: i64, needed: i64) -> Overflow {
         Overflow { parameter: "tile_entries".into(), room, needed, most: 10_000 }
+    }
+
+    #[test]
+    fn a_parameter_must_cover_the_largest_of_its_statistics() {
+        let mut plan = testing::plan("tiled", &[], 32);
+        let first = plan.stats.iter().find(|stat| !stat.grows.is_empty()).expect("a statistic").clone();
+        let other = Stat { name: format!("b.{}", first.name), ..first.clone() };
+        plan.stats.push(other.clone());
+        let needed = |stats: [u32; 2]| {
+            let stats = [(first.name.clone(), stats[0]), (other.name.clone(), stats[1])];
+            overflows(&plan, &stats).iter().map(|short| short.needed).collect::<Vec<_>>()
+        };
+        assert_eq!(needed([5, u32::MAX]), [i64::from(u32::MAX)]);
+        assert_eq!(needed([u32::MAX, 5]), [i64::from(u32::MAX)]);
+        assert!(needed([5, 5]).is_empty());
     }
 
     #[test]

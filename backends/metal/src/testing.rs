@@ -57,7 +57,7 @@ impl Sketch {
         let mut uses = vec![touch(image, Stages::COPY, Accesses::TRANSFER_READ)];
         if let Some(buffer) = word_of {
             let readback = self.readback();
-            self.plan.stats.push(Stat { name: "word".into(), buffer, offset: 0 });
+            self.plan.stats.push(Stat { name: "word".into(), buffer, offset: 0, grows: Vec::new() });
             uses.push(touch(buffer, Stages::COPY, Accesses::TRANSFER_READ));
             uses.push(touch(readback, Stages::COPY, Accesses::TRANSFER_WRITE));
         }

@@ -89,7 +89,7 @@ pub(crate) fn plan() -> Plan {
         prologue: vec![PassId(0)],
         frame: (1..6).map(PassId).collect(),
         output: COLOR,
-        stats: vec![Stat { name: "visible".to_string(), buffer: ARGS, offset: 20 }],
+        stats: vec![Stat { name: "visible".to_string(), buffer: ARGS, offset: 20, grows: Vec::new() }],
         ..Plan::default()
     }
 }

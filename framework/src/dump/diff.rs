@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use super::form::{DUMP_VERSION, Dump, DumpBarrier, DumpCause, DumpPass, DumpResource, DumpShader};
 use super::text::comes_after;
-use crate::ir::Use;
+use crate::ir::{Stat, Use};
 use crate::plan::Cause;
 
 /// The differences between two dumps, `a` and `b`.
@@ -241,12 +241,11 @@ fn totals(dump: &Dump) -> Vec<(&'static str, u64)> {
 
 /// Returns the word of each statistic, and the parameters that grow with it: `counters+80, grows entries`.
 fn stats(dump: &Dump) -> Properties {
-    let grown = |stat: &str| -> String {
-        let grown = dump.parameters.iter().filter(|p| p.grows.as_deref() == Some(stat));
-        grown.map(|p| format!(", grows {}", p.name)).collect()
+    let grown = |stat: &Stat<String>| -> String {
+        stat.grows.iter().map(|parameter| format!(", grows {parameter}")).collect()
     };
     let stats = dump.stats.iter();
-    stats.map(|s| (s.name.clone(), format!("{}+{}{}", s.buffer, s.offset, grown(&s.name)))).collect()
+    stats.map(|s| (s.name.clone(), format!("{}+{}{}", s.buffer, s.offset, grown(s)))).collect()
 }
 
 fn outputs(dump: &Dump) -> Properties {

@@ -83,7 +83,8 @@ pub struct DumpParameter {
     pub reason: Option<Reason>,
     /// The value that costs no accuracy, if the graph names one.
     pub exact: Option<Value>,
-    /// The statistic that this capacity must cover, if any. A frame whose statistic exceeds the value is incomplete.
+    /// The statistic that this capacity must cover, if any. A frame whose statistic exceeds the value is incomplete. Of
+    /// several statistics ([`Stat::grows`]), the first.
     pub grows: Option<String>,
     /// True if the parameter can be changed between frames; otherwise it is baked into the plan.
     pub live: bool,

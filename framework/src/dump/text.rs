@@ -4,7 +4,7 @@ use indexmap::{IndexMap, IndexSet};
 use std::fmt::{self, Write};
 
 use super::form::{BarrierTotals, Declared, Dump, DumpBarrier, DumpCause, DumpPass, DumpResource, Lifetime};
-use crate::ir::{Hazard, Run, bytes};
+use crate::ir::{Hazard, Run, Stat, bytes};
 use crate::plan::{Cause, Dependency, Since};
 
 /// Formats a dump, except its encoders. The text has sections such as the resources, the passes in execution order with
@@ -28,9 +28,10 @@ fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
         let Some(reason) = &p.reason else { continue };
         writeln!(out, "parameter {}={}, because {reason} ({})", p.name, p.value, reason.expression)?;
     }
-    for p in &dump.parameters {
-        let Some(stat) = &p.grows else { continue };
-        writeln!(out, "parameter {} grows with stat {stat}", p.name)?;
+    for Stat { name, grows, .. } in &dump.stats {
+        for parameter in grows {
+            writeln!(out, "parameter {parameter} grows with stat {name}")?;
+        }
     }
     for p in &dump.parameters {
         let Some(why) = &p.no_effect else { continue };

@@ -25,7 +25,8 @@ pub struct Param {
     pub reason: Option<Reason>,
     /// The value at which the result is exact, if the graph names one.
     pub exact: Option<Value>,
-    /// The statistic that this capacity must cover, if any. A frame whose statistic exceeds the value is incomplete.
+    /// The statistic that this capacity must cover, if any. A frame whose statistic exceeds the value is incomplete. Of
+    /// several statistics ([`Stat::grows`](super::Stat::grows)), the first.
     pub grows: Option<String>,
     /// The values that the parameter may take.
     pub domain: Domain,

@@ -314,17 +314,26 @@ pub struct Output {
 /// A 32-bit word of a buffer that is read back after each frame.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stat<R = ResourceId> {
-    /// Name of the statistic, as declared by the graph.
+    /// Name of the statistic, as declared by the graph. If an earlier statistic has this name, the name of the include
+    /// is before it.
     pub name: String,
     /// The buffer that contains the word.
     pub buffer: R,
     /// Byte offset of the word.
     pub offset: u64,
+    /// The parameters that grow with the statistic.
+    #[serde(default)]
+    pub grows: Vec<String>,
 }
 
 impl<R> Stat<R> {
     /// Maps the buffer reference, for instance from an id to a name.
     pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> Stat<T> {
-        Stat { buffer: resource(&self.buffer), name: self.name.clone(), offset: self.offset }
+        Stat {
+            buffer: resource(&self.buffer),
+            name: self.name.clone(),
+            offset: self.offset,
+            grows: self.grows.clone(),
+        }
     }
 }

@@ -46,8 +46,6 @@ pub(super) struct Lowering<'a> {
     pub pass_names: BTreeMap<String, Option<Span>>,
     pub include_names: BTreeMap<String, Span>,
     pub histories: Vec<History>,
-    /// The include of each statistic, as an index into [`Lowered::includes`].
-    pub stat_includes: Vec<Option<usize>>,
     /// The requested graph's file and the files being included, outermost first.
     pub includes: Vec<FileId>,
 }
@@ -205,7 +203,6 @@ impl<'a> Lowering<'a> {
             pass_names: [EXPORT, HOST].map(|name| (name.to_string(), None)).into(),
             include_names: BTreeMap::new(),
             histories: Vec::new(),
-            stat_includes: Vec::new(),
             includes: Vec::new(),
         }
     }

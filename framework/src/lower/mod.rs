@@ -111,6 +111,7 @@ pub(crate) fn lower(
     walk.lowered.plan.outputs = walk.outputs(&level);
     walk.lowered.plan.offered = root.graph.outputs.keys().cloned().collect();
     walk.stats(&level);
+    walk.end_stats();
     walk.lowered.results.extend(level.names.take_notes().all());
     let live_shape = Shape::Buffer { stride: live_bytes.next_multiple_of(16).max(16), count: 1 };
     walk.lowered.live =

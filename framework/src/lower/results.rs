@@ -1,7 +1,7 @@
 //! Resolves the output, the other requested outputs, and the statistics of a graph and its parts.
 
 use super::lowering::{Level, Lowering};
-use crate::ir::{Format, OUTPUTS, Output, ResourceId, Shape, Span, Stat, Value};
+use crate::ir::{Format, OUTPUTS, Output, Param, ResourceId, Shape, Stat, Value};
 use crate::schema::Reference;
 use crate::source::{Diagnostic, Place};
 
@@ -108,70 +108,52 @@ impl<'a> Lowering<'a> {
         }
     }
 
+    /// Adds the statistics of a graph. If a name is already in use, the name of the include is put before it.
     pub(super) fn stats(&mut self, level: &Level) {
         for (name, (buffer, offset)) in &level.graph.stats {
             let at = level.root.field("stats").field(name);
             let word = format!("the word of `{name}` does not fit");
             let found = self.words(level, (buffer, offset), (4, &word), &at).and_then(|found| {
                 self.of_this_frame(found.map(|(id, _)| id), &at.index(0))?;
-                match self.lowered.plan.stats.iter().position(|stat| stat.name == *name) {
-                    None => Ok(found),
+                let is_taken = |name: &str| self.lowered.plan.stats.iter().position(|s| s.name == name);
+                let full = match is_taken(name) {
+                    None => name.clone(),
+                    Some(_) => format!("{}{name}", level.prefix),
+                };
+                match is_taken(&full) {
+                    None => Ok(found.map(|(buffer, offset)| (full, buffer, offset))),
                     Some(first) => {
-                        let first = (self.lowered.stat_spans[first], self.stat_includes[first]);
-                        Err(self.two_statistics(name, first, (at.key(), level.include)))
+                        let error = Diagnostic::new(
+                            format!("two statistics are called `{full}`"),
+                            at.key(),
+                            "the second",
+                        );
+                        let error = error.with_label(self.lowered.stat_spans[first], "the first");
+                        Err(error.with_help("rename one of them"))
                     }
                 }
             });
             match found {
-                Ok(Some((buffer, offset))) => {
-                    let stat = Stat { name: name.clone(), buffer, offset };
-                    self.lowered.plan.stats.push(stat);
+                Ok(Some((full, buffer, offset))) => {
+                    let file = self.files.origin(at.key()).file;
+                    let is_grown =
+                        |param: &&Param| param.grows.as_ref() == Some(name) && param.origin.file == file;
+                    let grown = level.params.iter().filter(is_grown);
+                    let grows = grown.map(|param| param.name.clone()).collect();
+                    self.lowered.plan.stats.push(Stat { name: full, buffer, offset, grows });
                     self.lowered.stat_spans.push(at.key());
-                    self.stat_includes.push(level.include);
                 }
                 Ok(None) => {}
                 Err(diagnostic) => self.errors.push(diagnostic),
             }
         }
     }
-
-    /// Returns the error for two statistics of one name. Each argument has the place of a declaration and its include.
-    /// Points at the outermost include of each that does not contain the other, if any.
-    fn two_statistics(
-        &self,
-        name: &str,
-        (first, of_first): (Span, Option<usize>),
-        (second, of_second): (Span, Option<usize>),
-    ) -> Diagnostic {
-        let around = |include: Option<usize>| {
-            let mut all: Vec<usize> =
-                std::iter::successors(include, |index| self.lowered.includes[*index].parent).collect();
-            all.reverse();
-            all
-        };
-        let (around_first, around_second) = (around(of_first), around(of_second));
-        let place = |own: &[usize], other: &[usize], declared: Span, which: &str| match own
-            .iter()
-            .find(|index| !other.contains(index))
-            .map(|index| &self.lowered.includes[*index])
-        {
-            Some(include) => (include.span, format!("`{}` has the {which}", include.name)),
-            None => (declared, format!("the {which}")),
-        };
-        let (first_place, first_label) = place(&around_first, &around_second, first, "first");
-        let (second_place, second_label) = place(&around_second, &around_first, second, "second");
-        let message = format!("two statistics are called `{name}`");
-        let mut error = Diagnostic::new(message, second_place, second_label);
-        if first_place != second_place {
-            error = error.with_label(first_place, first_label);
+    /// Replaces the names in `grows`, of a graph's own statistics, by those in the plan.
+    pub(super) fn end_stats(&mut self) {
+        let plan = &mut self.lowered.plan;
+        for param in &mut plan.params {
+            let grown = plan.stats.iter().find(|stat| stat.grows.contains(&param.name));
+            param.grows = grown.map(|stat| stat.name.clone()).or(param.grows.take());
         }
-        let declared = if first == second { vec![first] } else { vec![first, second] };
-        for declared in declared.into_iter().filter(|span| ![first_place, second_place].contains(span)) {
-            error = error.with_label(declared, "declared here");
-        }
-        error.with_help(match first == second {
-            true => "statistics of an include cannot be renamed, so a graph that has some can be included only once",
-            false => "rename one of them",
-        })
     }
 }

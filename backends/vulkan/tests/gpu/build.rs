@@ -340,7 +340,7 @@ impl Build {
     }
 
     pub fn stat(&mut self, name: &str, buffer: ResourceId, offset: u64) {
-        self.plan.stats.push(Stat { name: name.to_string(), buffer, offset });
+        self.plan.stats.push(Stat { name: name.to_string(), buffer, offset, grows: Vec::new() });
     }
 
     /// Finishes the plan with the export of `output` and of the statistics, and solves its dependencies.

@@ -101,7 +101,7 @@ fn a_statistic_in_another_word_or_that_grows_nothing_and_another_output_are_diff
     let a = example_dump(4);
     let stat = a.stats.first().expect("it has statistics").name.clone();
     let mut fixed = a.clone();
-    fixed.parameters[0].grows = None;
+    fixed.stats[0].grows.clear();
     let mut moved = a.clone();
     moved.stats[0].offset += 16;
     for other in [fixed, moved] {

@@ -113,6 +113,7 @@ pub fn splat(digits: u32) -> Plan {
     let digit_bits = &mut plan.params[0];
     digit_bits.reason = Some(reason("scene.count < 5000 ? 8 : 11"));
     digit_bits.grows = Some("visible".into());
+    plan.stats[0].grows.push(digit_bits.name.clone());
     for param in &mut plan.params {
         param.exact = Some(param.value.clone());
     }

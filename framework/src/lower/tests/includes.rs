@@ -26,6 +26,41 @@ fn an_included_graph_takes_its_ports_and_parameters_from_the_includer() {
     assert_eq!(names, ["make", "s.step[0]", "s.step[1]", "s.step[2]", "show", "export"]);
 }
 
+#[test]
+fn a_statistic_of_a_name_in_use_has_the_name_of_its_include_before_it() {
+    let counted = r#"Graph(version: 1, summary: "", resources: { "words": Buffer(stride: 4, count: 4) },
+        passes: [Dispatch(name: "make", shader: "make.comp", size: Threads(4), bind: {"Out": "words"})],
+        stats: { "made": ("words", 4) })"#;
+    let names = |plan: &crate::plan::Plan| {
+        let stats = plan.stats.iter();
+        stats.map(|s| (s.name.clone(), s.grows.join(" "))).collect::<Vec<_>>()
+    };
+    let named = |all: &[(&str, &str)]| {
+        all.iter().map(|(name, grows)| (name.to_string(), grows.to_string())).collect::<Vec<_>>()
+    };
+    let include = r#"
+        Include(graph: "counted", name: "first"),
+        Include(graph: "maker", name: "other", expose: All),
+        Include(graph: "maker", name: "maker", expose: All),
+        Include(graph: "maker", name: "fixed", expose: All, set: {"room": 9}),
+        Repeat(var: "i", count: 2, body: [Include(graph: "counted", name: "again")]),"#;
+    let files =
+        [("graph.ron", including(include)), ("maker.ron", MAKER.into()), ("counted.ron", counted.into())];
+    let files = files.each_ref().map(|(name, text)| (*name, text.as_str()));
+    let plan = try_plan_of(&files, &[]).unwrap_or_else(|errors| panic!("{errors}"));
+    let expected = [
+        ("made", ""),
+        ("other.made", "room"),
+        ("maker.made", "room"),
+        ("fixed.made", ""),
+        ("again[0].made", ""),
+        ("again[1].made", ""),
+    ];
+    assert_eq!(names(&plan), named(&expected));
+    let room = plan.params.iter().find(|param| param.name == "room").expect("a parameter");
+    assert_eq!(room.grows.as_deref(), Some("other.made"));
+}
+
 /// A part, which [`including`] includes.
 const MAKER: &str = r#"Graph(version: 1, summary: "makes", params: {
         "size": Const(Int(default: 64, range: (1, 128))),

@@ -99,7 +99,7 @@ fn with_statistics(to_host: &[Barrier]) -> Sketch {
     let mut sketch = Sketch::new();
     let counts = sketch.buffer("counts");
     let words = sketch.resource("words", Shape::Buffer { stride: 4, count: 2 }, Source::Readback);
-    let stat = |name: &str, offset| Stat { name: name.into(), buffer: counts, offset };
+    let stat = |name: &str, offset| Stat { name: name.into(), buffer: counts, offset, grows: Vec::new() };
     sketch.plan.stats = vec![stat("visible", 8), stat("drawn", 40)];
     // The export reads only two words. The next write also needs the others made visible.
     sketch.frame("count", &[barrier((COPY, NO_ACCESS), (COMPUTE, WRITE))], &[writes(counts)]);
@@ -127,7 +127,7 @@ fn the_fence_orders_exports_to_the_same_copy() {
     let source = Source::Scene { attribute: "scene.counts".into(), plane: 0 };
     let counts = sketch.resource("counts", Shape::Buffer { stride: 4, count: 1 }, source);
     let words = sketch.resource("words", Shape::Buffer { stride: 4, count: 1 }, Source::Readback);
-    sketch.plan.stats = vec![Stat { name: "count".into(), buffer: counts, offset: 0 }];
+    sketch.plan.stats = vec![Stat { name: "count".into(), buffer: counts, offset: 0, grows: Vec::new() }];
     let copied = [touch(counts, COPY, Accesses::TRANSFER_READ), touch(words, COPY, Accesses::TRANSFER_WRITE)];
     sketch.frame_work("export", &[], Work::Export, &copied);
     let read = touch(words, Stages::HOST, Accesses::HOST_READ);
