@@ -4,6 +4,7 @@
 //!
 //! - `// set: name=value` and `// fact: name=value` change a parameter or a fact;
 //! - `// show: effects` shows the effects of parameters in a valid graph;
+//! - `// output: NAME` requests an output;
 //! - `// without: FEATURE` removes a device feature;
 //! - `// graph: name` builds a file other than this one.
 //!
@@ -95,6 +96,9 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>, compile
                 Some(("// set", text)) => set.push(pair(text)),
                 Some(("// graph", text)) => graph = text.to_string(),
                 Some(("// show", "effects")) => effects = true,
+                Some(("// output", name)) => {
+                    facts.host.insert(format!("outputs.{name}"), Value::Bool(true));
+                }
                 Some(("// without", text)) => {
                     facts.device.features.remove(Features::from_name(text).expect("a feature"));
                 }

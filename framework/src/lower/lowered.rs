@@ -31,13 +31,17 @@ pub struct Lowered {
     pub includes: Vec<LoweredInclude>,
     /// The halves of each ping-pong buffer. The first is the front at the start of the graph.
     pub ping_pongs: Vec<[ResourceId; 2]>,
-    /// Ping-pong buffers that a repeat uses and does not swap.
+    /// For each ping-pong buffer, the number of its swaps.
+    pub swaps: Vec<usize>,
+    /// Ping-pong buffers that a repeat uses, and of which every iteration has the same half in front.
     pub unswapped: Vec<Unswapped>,
     /// Warnings about sizes of dispatches and draws. Either a size is 0 in every plan, or a dispatch was folded into
     /// rows and its shader cannot tell the rows apart.
     pub sizes: Vec<Diagnostic>,
     /// Place of the output's name in the file.
     pub output_span: Span,
+    /// Places of the requested outputs besides the picture, in the order of the plan's.
+    pub more_output_spans: Vec<Span>,
     /// Places of the plan's statistics in the file, in the same order.
     pub stat_spans: Vec<Span>,
     /// The uniform block of the live parameters.
@@ -98,11 +102,15 @@ pub struct LoweredInclude {
     pub given: Vec<(String, Vec<ResourceId>)>,
 }
 
-/// A ping-pong buffer of which a repeat uses both halves, without a swap.
+/// A ping-pong buffer of which a repeat uses both halves, with the same half in front at the start of its iterations.
 #[derive(Clone, Debug)]
 pub struct Unswapped {
+    /// Index into [`Lowered::ping_pongs`].
+    pub pair: usize,
     pub front: ResourceId,
     pub back: ResourceId,
+    /// Number of swaps in the repeat.
+    pub swaps: usize,
     /// Indices of the passes of the repeat's first two iterations.
     pub passes: [Range<usize>; 2],
 }

@@ -117,6 +117,7 @@ pub(crate) fn lower(
     walk.lowered.live =
         walk.add(LIVE_BLOCK.into(), live_shape, Source::Live, root.root.field("params").key());
     walk.end_histories();
+    walk.lowered.swaps = walk.ping_pongs.iter().map(|pair| pair.swaps).collect();
     match output {
         Some(output) if walk.errors.is_empty() => {
             walk.lowered.plan.output = output;

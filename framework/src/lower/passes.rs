@@ -7,7 +7,7 @@ use std::ops::Range;
 use super::conditions::False;
 use super::include::Written;
 use super::lowered::{LoweredBind, LoweredPass, LoweredPush, LoweredSize, ShaderName, Unswapped};
-use super::lowering::{Level, Lowering, MAX_PASSES};
+use super::lowering::{Level, Lowering, MAX_PASSES, PingPong};
 use super::scope::{Notes, describe};
 use crate::ir::{
     Blend, DepthTarget, DrawCall, Format, Load, Pass, ResourceId, Run, Shape, Source, Span, Target, Value,
@@ -408,10 +408,14 @@ impl Lowering<'_> {
         let suffix = level.suffix.clone();
         let around = level.around.clone();
         level.around.extend(decided);
-        let swaps: Vec<usize> = self.ping_pongs.iter().map(|pair| pair.swaps).collect();
+        // The ping-pong buffers before each of the first two iterations.
+        let mut pairs = Vec::new();
         let mut starts = Vec::new();
         for i in 0..count {
             starts.push(self.lowered.passes.len());
+            if i < 2 {
+                pairs.push(self.ping_pongs.clone());
+            }
             if !self.count(1, place) {
                 break;
             }
@@ -427,21 +431,22 @@ impl Lowering<'_> {
         level.suffix = suffix;
         level.around = around;
         starts.push(self.lowered.passes.len());
-        if let [first, second, third, ..] = starts[..] {
-            self.note_unswapped(&swaps, [first..second, second..third]);
+        if let ([first, second, third, ..], [one, two]) = (&starts[..], &pairs[..]) {
+            self.note_unswapped(one, two, [*first..*second, *second..*third]);
         }
         Ok(())
     }
 
-    /// Records the ping-pong buffers of which a repeat uses both halves without a swap. `swaps` has the number of swaps
-    /// of each before the repeat.
-    fn note_unswapped(&mut self, swaps: &[usize], passes: [Range<usize>; 2]) {
+    /// Records the ping-pong buffers of which a repeat uses both halves, and starts its first two iterations with the
+    /// same half in front. `first` and `second` are the buffers before these iterations.
+    fn note_unswapped(&mut self, first: &[PingPong], second: &[PingPong], passes: [Range<usize>; 2]) {
         let binds = self.lowered.passes[passes[0].start..passes[1].end].iter().flat_map(|pass| &pass.bind);
         let bound: HashSet<ResourceId> = binds.flat_map(|bind| &bind.resources).copied().collect();
-        for (pair, before) in self.ping_pongs.iter().zip(swaps) {
-            if pair.swaps == *before && pair.halves.iter().all(|half| bound.contains(half)) {
-                let (front, back) = (pair.halves[pair.front], pair.halves[1 - pair.front]);
-                self.lowered.unswapped.push(Unswapped { front, back, passes: passes.clone() });
+        for (pair, (one, two)) in first.iter().zip(second).enumerate() {
+            if one.front == two.front && one.halves.iter().all(|half| bound.contains(half)) {
+                let (front, back) = (one.in_front(), one.halves[1 - one.front]);
+                let swaps = self.ping_pongs[pair].swaps - one.swaps;
+                self.lowered.unswapped.push(Unswapped { pair, front, back, swaps, passes: passes.clone() });
             }
         }
     }

@@ -61,6 +61,7 @@ impl<'a> Lowering<'a> {
                 && self.asked().any(|asked| asked == name)
             {
                 found.push(Output { name: name.clone(), image });
+                self.lowered.more_output_spans.push(at.span());
             }
         }
         found

@@ -204,9 +204,14 @@ fn never_written(
     lowered: &Lowered,
 ) -> Diagnostic {
     let name = &lowered.plan.resources[resource.index()].name;
-    // The export copies all statistics: the error names the statistic and its place.
-    let mut stats = lowered.plan.stats.iter().zip(&lowered.stat_spans);
-    let stat = stats.find(|(stat, _)| stat.buffer == resource && passes[reader].pass.work == Work::Export);
+    // The export copies all outputs and statistics: the error names the one and its place.
+    let plan = &lowered.plan;
+    let stats = plan.stats.iter().zip(&lowered.stat_spans).filter(|(stat, _)| stat.buffer == resource);
+    let mut results = stats.map(|(stat, span)| (format!("the statistic `{}`", stat.name), *span));
+    let outputs = plan.outputs.iter().zip(&lowered.more_output_spans);
+    let mut outputs = outputs.filter(|(output, _)| output.image == resource && resource != plan.output);
+    let output = || outputs.next().map(|(output, span)| (format!("the output `{}`", output.name), *span));
+    let result = (passes[reader].pass.work == Work::Export).then(|| results.next().or_else(output)).flatten();
     let keeps_it = |pass: usize| {
         let mut uses = passes[pass].pass.uses.iter();
         uses.any(|u| u.resource == resource && keeps_contents(u.accesses))
@@ -214,10 +219,11 @@ fn never_written(
     let keeps = keeps_it(reader);
     // A pass that keeps a target also writes it, but cannot provide contents for another pass to keep.
     let first = writers.iter().find(|writer| !(keeps && keeps_it(**writer)));
-    let (reader, span) = match stat {
-        Some((stat, span)) => (format!("the statistic `{}`", stat.name), *span),
-        None => (format!("`{}`", passes[reader].pass.name), passes[reader].span),
-    };
+    let (reader, span) =
+        result.unwrap_or_else(|| (format!("`{}`", passes[reader].pass.name), passes[reader].span));
+    // The reader is in a repeat, and a later iteration finds contents.
+    let comes_again = first.is_some_and(|first| passes[*first..].iter().any(|pass| pass.span == span));
+    let is_half = lowered.ping_pongs.iter().any(|halves| halves.contains(&resource));
     let (message, label) = match first {
         _ if keeps => (
             format!("{reader} keeps the contents of `{name}`, which nothing has written before"),
@@ -226,7 +232,11 @@ fn never_written(
         None => (format!("{reader} reads `{name}`, which no pass writes"), "is never written"),
         Some(_) => (
             format!("{reader} reads `{name}` before any pass has written it"),
-            "is not written before this pass",
+            if comes_again {
+                "nothing is written when this first runs"
+            } else {
+                "is not written before this pass"
+            },
         ),
     };
     let mut diagnostic = Diagnostic::new(message, span, label);
@@ -239,9 +249,16 @@ fn never_written(
         });
     }
     if let Some(first) = first {
-        diagnostic = diagnostic.with_label(passes[*first].span, "the first to write it").with_help(
-            "if several passes write a resource, they keep the order of the file: move the reader down",
-        );
+        if passes[*first].span != span {
+            diagnostic = diagnostic.with_label(passes[*first].span, "the first to write it");
+        }
+        diagnostic = diagnostic.with_help(match (comes_again, is_half) {
+            (true, true) => {
+                "write this half in a pass before the repeat, or exchange the halves that passes bind, or move the `Swap`"
+            }
+            (true, false) => "write it in a pass before the repeat",
+            (false, _) => "if several passes write a resource, they keep the order of the file: move the reader down",
+        });
     }
     let mut diagnostic = diagnostic.with_label(lowered.declaration(resource).span, "declared here");
     let is_unused = |pass: &&LoweredPass| {

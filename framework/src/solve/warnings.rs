@@ -11,7 +11,7 @@
 //!   not start with the result.
 
 use super::order::Order;
-use crate::ir::{Accesses, ResourceId, Shader, Span};
+use crate::ir::{Accesses, ResourceId, Shader, Span, Use};
 use crate::link::LinkedPass;
 use crate::lower::{Lowered, Unswapped};
 use crate::plan::Warning;
@@ -72,11 +72,14 @@ fn first_touch(pass: &LinkedPass, resource: ResourceId, lowered: &Lowered) -> Di
         )
 }
 
-/// Returns a warning for each repeat that seems to lack a `Swap` of a ping-pong buffer. A pass of the repeat reads one
-/// half and writes the other, and the iterations do the same work or nothing reads their results.
+/// Returns a warning for each repeat that seems to lack a `Swap` of a ping-pong buffer. In all iterations, a pass reads
+/// the same half and writes the other, and one of these conditions holds: the iterations do the same work, nothing reads
+/// what they write, or the graph never swaps the buffer.
+///
+/// Excludes iterations that each write a part of the other half, before a `Swap` below the repeat.
 fn unswapped(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Diagnostic> {
     let mut found: Vec<Diagnostic> = Vec::new();
-    for Unswapped { front, back, passes: [first, second] } in &lowered.unswapped {
+    for Unswapped { pair, front, back, swaps, passes: [first, second] } in &lowered.unswapped {
         // Passes in both directions, or in place, need no swap.
         let one_way = |pass: &LinkedPass| !accesses(pass, *front).writes() && !accesses(pass, *back).reads();
         let steps = |pass: &LinkedPass| accesses(pass, *front).reads() && accesses(pass, *back).writes();
@@ -92,8 +95,11 @@ fn unswapped(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Dia
             let same = (&one.work, &one.bindings, &one.push) == (&two.work, &two.bindings, &two.push);
             same && !in_place(&passes[number])
         };
+        let read = |touch: &Use| touch.accesses.reads() && lowered.real(touch.resource) == *back;
+        let is_read = || passes.iter().any(|pass| pass.pass.uses.iter().any(read));
+        let is_useless = lowered.swaps[*pair] == *swaps || !is_read();
         let mut both = first.start..second.end;
-        let step = both.find(|pass| steps(&passes[*pass]) && (!live[*pass] || repeats(*pass)));
+        let step = both.find(|pass| steps(&passes[*pass]) && (is_useless || !live[*pass] || repeats(*pass)));
         let Some(step) = step.filter(|_| passes[first.start..second.end].iter().all(one_way)) else {
             continue;
         };
@@ -109,7 +115,7 @@ fn unswapped(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Dia
         found.push(
             Diagnostic::new(message, span, "no iteration gets the results of the one before")
                 .with_label(lowered.declaration(*back).span, "declared here")
-                .with_help(format!("is a `Swap(\"{resource}\")` missing at the end of the repeat?")),
+                .with_help("is a `Swap` missing at the end of the repeat, or written twice?"),
         );
     }
     found
