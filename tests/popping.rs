@@ -80,6 +80,29 @@ fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
 }
 
 #[test]
+fn against_the_order_of_each_pixel_the_published_order_pops_and_a_window_pops_less() {
+    let place = Place::new();
+    synth::generate("demo", 3000, 0).expect("a scene").write_ply(place.at("scene.ply")).expect("written");
+    let graphs = "--frames 3 --step 0.5 --size 160x90 -p tiled,pixel_order -o out";
+    let published = of(&popping(&place, graphs), "tiled", "pop");
+    let found = popping(&place, &format!("{graphs} --rule order=pixel"));
+    let [tiled, window] = ["tiled", "pixel_order"].map(|name| of(&found, name, "pop"));
+    assert!(tiled > 5.0 * published, "pops of the published order: {tiled}, of its errors: {published}");
+    assert!(window < 0.5 * tiled, "{window}, without a window {tiled}");
+    assert_eq!(found["rules"][0][1], "pixel");
+    assert!(
+        place
+            .text("out/popping.csv")
+            .lines()
+            .all(|line| line.contains("rules") || line.contains("order=pixel"))
+    );
+    place.refuses(
+        "popping scene.ply",
+        &[("--rule order=middle", 2, "expected `centre` or `pixel`, found `middle`")],
+    );
+}
+
+#[test]
 fn a_camera_at_rest_pops_in_no_order() {
     let place = Place::new();
     place.cameras(&["one", "two", "three"]);

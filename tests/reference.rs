@@ -74,6 +74,7 @@ fn each_rule_broken_on_purpose_fails_the_bound() {
         ("color_ceiling", "1", 22.0),
         ("key_of", "distance", 24.0),
         ("ties", "descending", 40.0),
+        ("order", "pixel", 25.0),
     ];
     // `depth` orders only splats whose depths f32 cannot tell apart.
     for RuleInfo { name, .. } in RULES.iter().filter(|rule| rule.name != "depth") {

@@ -1,14 +1,15 @@
 //! Defines options and helpers that several commands share.
 
 use super::cameras::MAX_SIDE;
-use super::known_devices;
 use super::outcome::Usage;
+use super::{help, known_devices};
 use crate::draw::backend::{Api, Backend, Options, Validation};
 use crate::draw::builtin;
 use crate::draw::fit::Target;
 use crate::draw::interleaved::Frames;
 use crate::draw::stats::Opened;
 use crate::draw::storage;
+use crate::draw::truth::rule_list;
 use crate::io::demo;
 use crate::io::image::Format;
 use crate::io::output::{self, OutputGuard, is_standard_output, shell_word};
@@ -33,6 +34,14 @@ pub fn scene_help() -> String {
 /// Formats the help of an argument that names a scene, the demo scene by default.
 pub fn optional_scene_help() -> String {
     format!("{} [default: the demo scene]", scene_help())
+}
+
+/// Formats the long help of `--rule`, with the rules.
+pub fn rule_help(about: &str) -> String {
+    format!(
+        "{about}\n\nThe rules, with their values and their place in the published rasteriser:\n{}",
+        help::two_columns(rule_list())
+    )
 }
 
 pub fn setting(text: &str) -> Result<(String, String), String> {

@@ -3,10 +3,11 @@
 use super::cameras;
 use super::console::Console;
 use super::loading;
-use super::options::{self, BackendArgs, DEFAULT_PIPELINE};
+use super::options::{self, BackendArgs, DEFAULT_PIPELINE, rule_help};
 use super::outcome::{Outcome, Usage, claim_graph_files, once};
 use super::subject;
 use crate::draw::projection;
+use crate::draw::truth;
 use crate::io::load::LoadOptions;
 use crate::io::output::{self, OutputGuard};
 use crate::io::report::text;
@@ -18,6 +19,7 @@ use crate::studies::study::Setting;
 use anyhow::{Context, Result};
 use serde_json::json;
 use splatgraph_assets::{Camera, Projection, Scene};
+use splatgraph_reference::Rules;
 use std::path::{Path, PathBuf};
 
 /// Measure popping along a path of cameras: how the error changes from frame to frame
@@ -33,8 +35,10 @@ use std::path::{Path, PathBuf};
 /// and in the true order. Compare pops of equal steps only. With a smaller step, an error that drifts with the surfaces
 /// falls in proportion. An error that jumps falls less, so the ranking of graphs may change. The exact renderer draws
 /// in the published order, whose pop is therefore 0 by definition, although it pops where the depths of two splats
-/// cross. Frames are drawn once and in sequence, so `stale_order` uses the order of the previous frame of the path.
-/// The state begins anew in each path, and the first camera is drawn --warm-up times before.
+/// cross. With `--rule order=pixel`, it sorts the splats of each pixel by their depth there, which does not pop, and
+/// the pops of the published order are measured as well. Frames are drawn once and in sequence, so `stale_order` uses
+/// the order of the previous frame of the path. The state begins anew in each path, and the first camera is drawn
+/// --warm-up times before.
 ///
 /// The default scene is the demo scene, which the first use generates. With one camera, or none, the path is a short
 /// orbit around the middle of the scene.
@@ -44,6 +48,7 @@ use std::path::{Path, PathBuf};
   splatgraph popping                                        # the demo scene, every built-in graph
   splatgraph popping scene.ply -c path.json -o popping/     # popping.csv, popping.svg and popping.png
   splatgraph popping scene.ply -p splat,unsorted --with key_bits=8 --with key_bits=8,key_map=linear
+  splatgraph popping scene.ply -p auto,pixel_order --rule order=pixel   # pops of the published order itself
   splatgraph popping scene.ply --frames 60 --step 0.1 --json=popping.json")]
 pub struct Args {
     #[arg(help = options::optional_scene_help())]
@@ -68,6 +73,8 @@ pub struct Args {
     /// Frames of the first camera before the path, for graphs that average frames
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=10_000))]
     warm_up: u32,
+    #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, help = RULE_HELP, long_help = rule_help(RULE_HELP))]
+    rule: Vec<(String, String)>,
     /// Size of the pictures [default: the cameras', at most 480 pixels wide]
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
@@ -85,6 +92,7 @@ pub struct Args {
 
 const FRAMES: u32 = 12;
 const WIDTH: u32 = 480;
+const RULE_HELP: &str = "Change a rule of the true pictures; may be repeated";
 const CSV: &str = "popping.csv";
 const PLOT: &str = "popping";
 
@@ -102,6 +110,8 @@ fn degrees(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
+    // Report invalid rules before a large scene is loaded.
+    truth::rules(Rules::PUBLISHED, &args.rule).map_err(|error| Usage(error.to_string()))?;
     once("--pipeline", &args.pipeline, |name| format!("`{name}`"))?;
     once("--with", &args.with, |variant| format!("`{}`", variant.name))?;
     let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref(), false)?;
@@ -117,7 +127,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     measure::check(&subject.cameras)?;
     // Report errors in the graphs before the exact pictures are drawn, which takes long.
     claim_graph_files(&mut guard, &subject.check(&variants)?)?;
-    let tracks = study(&subject, &variants, args.warm_up, &mut Console::default())?;
+    let tracks = study(&subject, &variants, args.warm_up, &args.rule, &mut Console::default())?;
     let origin = Provenance::of(&subject);
 
     let summaries: Vec<Summary> = tracks.iter().map(report::summary).collect();
@@ -127,11 +137,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let rows: Vec<_> =
             rows.map(|(summary, track)| json!({ "summary": summary, "track": track })).collect();
         let command = options::command_line();
-        let all = json!({ "command": command, "origin": origin, "variants": rows, "notes": report::NOTES });
+        let all = json!({ "command": command, "origin": origin, "rules": args.rule, "variants": rows, "notes": report::NOTES });
         options::write_json(file, &all)?;
     }
     if let Some(folder) = &args.output {
-        output::write_bytes(&folder.join(CSV), report::csv(&tracks, &origin).as_bytes())?;
+        output::write_bytes(&folder.join(CSV), report::csv(&tracks, &args.rule, &origin).as_bytes())?;
         options::write_plot(&report::plot(&tracks), folder, PLOT)?;
     }
     // Last, because standard output may be full or closed.

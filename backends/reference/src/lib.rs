@@ -43,4 +43,4 @@ pub use memory::{PictureMemoryError, check_memory};
 pub use order::{depth_order, inversions, sort_pairs};
 pub use pixel::{Fragment, Fragments, Projected, fragments, project};
 pub use raster::{Picture, Progress, Visible, largest, render, visible};
-pub use rules::{Depth, Extent, KeyOf, LowPass, RULES, RuleError, RuleInfo, Rules, ShDirection, Ties};
+pub use rules::{Depth, Extent, KeyOf, LowPass, Order, RULES, RuleError, RuleInfo, Rules, ShDirection, Ties};

@@ -79,8 +79,9 @@ pub fn fragments(
     let limit = surfaces.limit([x as usize, y as usize]);
     let mut list = Vec::new();
     let transmittance = raster::blend(
-        ellipses.iter().take_while(|ellipse| ellipse.depth < limit),
+        &ellipses,
         [x.into(), y.into()],
+        limit,
         rules,
         |Ellipse { index, depth, footprint, .. }, alpha, transmittance| {
             let color = footprint.color;
@@ -158,6 +159,7 @@ mod tests {
             Rules::PUBLISHED,
             changed(&[("extent", "2.5"), ("ties", "descending"), ("low_pass", "0.3*compensated")]),
             changed(&[("extent", "unbounded"), ("stop", "none"), ("alpha_floor", "0"), ("depth", "f64")]),
+            changed(&[("order", "pixel")]),
         ];
         let mut most = 0;
         for name in ["uniform", "needles", "giants", "ties", "near-plane", "demo"] {

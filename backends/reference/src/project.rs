@@ -13,7 +13,7 @@ use crate::gaussian::{Gaussian, Splats};
 use crate::harmonics;
 use crate::lens::Lens;
 use crate::order::{self, View};
-use crate::rules::{Extent, LowPass, Rules};
+use crate::rules::{Extent, KeyOf, LowPass, Order, Rules};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 use splatgraph_assets::{Camera, Projection};
@@ -33,6 +33,8 @@ pub(crate) struct Ellipse {
     /// Tiles that the splat touches: first column and row, then end column and row (exclusive).
     pub tiles: [u32; 4],
     pub footprint: Footprint,
+    /// The depth in the picture, under [`Order::Pixel`]: at the centre, and its change per pixel to the right and down.
+    plane: [f64; 3],
     /// Unit vector along the shortest axis, in world space, towards the camera; the first axis if several are equally
     /// short.
     pub normal: [f64; 3],
@@ -54,6 +56,15 @@ pub(crate) fn visible_count(splats: &(impl Splats + ?Sized), camera: &Camera, ru
         touches
     };
     (0..splats.count()).into_par_iter().filter(touches).count()
+}
+
+impl Ellipse {
+    /// Returns the depth of the splat at a pixel where it has a fragment, under [`Order::Pixel`].
+    pub(crate) fn depth_at(&self, x: f64, y: f64) -> f64 {
+        let [depth, across, down] = self.plane;
+        let dx = self.footprint.across(x).unwrap_or(0.0);
+        depth + across * dx + down * (y - self.footprint.center[1])
+    }
 }
 
 /// The falloff and the colour of a splat on the image.
@@ -99,10 +110,7 @@ impl Footprint {
     /// Returns the alpha at a pixel of the splat's tiles, after the cap; `None` if the splat has no fragment there.
     #[inline]
     pub(crate) fn alpha(&self, x: f64, y: f64, rules: &Rules) -> Option<f64> {
-        let dx = match self.turn {
-            None => x - self.center[0],
-            Some(turn) => turn.offset(x, self.center[0])?,
-        };
+        let dx = self.across(x)?;
         let dy = y - self.center[1];
         let (p, q) = (self.u * dx, self.v * (dy - self.s * dx));
         let exponent = -0.5 * (p * p + q * q);
@@ -112,6 +120,22 @@ impl Footprint {
         }
         let alpha = (self.opacity * exponent.exp()).min(rules.alpha_cap);
         (alpha >= rules.alpha_floor).then_some(alpha)
+    }
+
+    /// Returns the horizontal offset of a pixel from the centre, or from its nearest copy; `None` outside its tiles.
+    #[inline]
+    fn across(&self, x: f64) -> Option<f64> {
+        match self.turn {
+            None => Some(x - self.center[0]),
+            Some(turn) => turn.offset(x, self.center[0]),
+        }
+    }
+
+    /// Returns the plane of [`Ellipse::depth_at`], from the depth of the centre and its covariances with the position in
+    /// the picture: the mean depth of a Gaussian at given x and y is linear in them.
+    fn plane(&self, depth: f64, [with_x, with_y]: [f64; 2]) -> [f64; 3] {
+        let (p, q) = (self.u * with_x, self.v * (with_y - self.s * with_x));
+        [depth, self.u * p - self.v * self.s * q, self.v * q]
     }
 
     /// Returns the 2D covariance: xx, xy, yy, in square pixels.
@@ -184,7 +208,7 @@ impl<'a> Projector<'a> {
         let depth = self.view.key(splat.position, self.rules)?;
         let view = self.view.point(splat.position);
         let center = self.lens.pixel(view);
-        let [r0, r1] = self.axes(view, splat);
+        let [r0, r1, r2] = self.axes(view, splat);
         let low_pass = self.rules.low_pass.variance();
         let (a0, b, c0) = (r0.length_squared(), r0.dot(r1), r1.length_squared());
         let (a, c) = (a0 + low_pass, c0 + low_pass);
@@ -214,7 +238,11 @@ impl<'a> Projector<'a> {
             turn: self.lens.turn().map(|width| Turn { width, half: self.half_extent(a, c, det)[0] }),
             color: harmonics::color(&splat.sh, splat.position, self.camera.position, self.rules),
         };
-        Some(Ellipse { index, depth, tiles, footprint, normal: self.normal(splat) })
+        let plane = match self.rules.order {
+            Order::Centre => [depth, 0.0, 0.0],
+            Order::Pixel => footprint.plane(depth, [r0.dot(r2), r1.dot(r2)]),
+        };
+        Some(Ellipse { index, depth, tiles, footprint, plane, normal: self.normal(splat) })
     }
 
     fn normal(&self, splat: &Gaussian) -> [f64; 3] {
@@ -229,14 +257,20 @@ impl<'a> Projector<'a> {
         towards_camera.into()
     }
 
-    /// Returns the two rows of `M = J W R S`. Its columns are the splat's three axes on the image, in pixels. Source:
-    /// `computeCov2D` and `computeCov3D` in forward.cu.
-    fn axes(&self, view: [f64; 3], splat: &Gaussian) -> [DVec3; 2] {
+    /// Returns the two rows of `M = J W R S`, whose columns are the splat's three axes on the image, in pixels, and the
+    /// depths of these axes, by the derivative of the sort key. Source: `computeCov2D` and `computeCov3D` in
+    /// forward.cu.
+    fn axes(&self, view: [f64; 3], splat: &Gaussian) -> [DVec3; 3] {
         let rotation = rotation(splat);
         // The columns of W R S: the splat's axes in view space.
         let [x, y, z] = [0, 1, 2].map(|axis| self.view.rotation * (rotation.col(axis) * splat.scale[axis]));
         let axes = DMat3::from_cols(x, y, z).transpose();
-        self.lens.jacobian(view).map(|row| axes * DVec3::from(row))
+        let [across, down] = self.lens.jacobian(view).map(DVec3::from);
+        let away = match self.rules.key_of {
+            KeyOf::Depth => DVec3::Z,
+            KeyOf::Distance => DVec3::from(view).normalize(),
+        };
+        [across, down, away].map(|row| axes * row)
     }
 
     /// Returns half the width and height of the rectangle whose tiles the splat touches.

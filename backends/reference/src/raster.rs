@@ -4,7 +4,7 @@ use crate::gaussian::Splats;
 use crate::mesh::{Surface, Surfaces};
 use crate::order;
 use crate::project::{Ellipse, Projector, TILE};
-use crate::rules::Rules;
+use crate::rules::{Order, Rules};
 use rayon::prelude::*;
 use splatgraph_assets::Camera;
 use std::ops::Range;
@@ -227,8 +227,9 @@ fn tile_row(
                 let pixel_at = [first + x, y];
                 let limit = surfaces.limit(pixel_at);
                 blended.transmittance = blend(
-                    splats.iter().copied().take_while(|splat| splat.depth < limit),
+                    splats.iter().copied(),
                     pixel_at.map(|v| v as f64),
+                    limit,
                     rules,
                     |splat, alpha, transmittance| {
                         blended.add(splat, alpha, transmittance);
@@ -241,17 +242,40 @@ fn tile_row(
 }
 
 /// Blends splats, near to far, at one pixel (`renderCUDA` in forward.cu). Returns the remaining transmittance.
-/// Calls `fragment` for each blended splat with the splat, its alpha, and the transmittance before it.
+/// Calls `fragment` for each blended splat with the splat, its alpha, and the transmittance before it. Under
+/// [`Order::Pixel`], sorts them by their depth there first. Splats at the depth `limit` or behind it are hidden.
 #[inline(always)]
 pub(crate) fn blend<'a>(
     splats: impl IntoIterator<Item = &'a Ellipse>,
     [x, y]: [f64; 2],
+    limit: f64,
+    rules: &Rules,
+    fragment: impl FnMut(&'a Ellipse, f64, f64),
+) -> f64 {
+    let with_alpha = |splat: &'a Ellipse| Some((splat, splat.footprint.alpha(x, y, rules)?));
+    let splats = splats.into_iter();
+    if rules.order == Order::Centre {
+        return accumulate(
+            splats.take_while(|splat| splat.depth < limit).filter_map(with_alpha),
+            rules,
+            fragment,
+        );
+    }
+    let fragments = splats.filter_map(with_alpha).map(|(splat, alpha)| (splat.depth_at(x, y), splat, alpha));
+    let mut fragments: Vec<_> = fragments.filter(|(depth, ..)| *depth < limit).collect();
+    fragments.sort_by(|(a, ..), (b, ..)| a.total_cmp(b));
+    accumulate(fragments.into_iter().map(|(_, splat, alpha)| (splat, alpha)), rules, fragment)
+}
+
+/// Blends fragments in this order; see [`blend`].
+#[inline(always)]
+fn accumulate<'a>(
+    fragments: impl Iterator<Item = (&'a Ellipse, f64)>,
     rules: &Rules,
     mut fragment: impl FnMut(&'a Ellipse, f64, f64),
 ) -> f64 {
     let mut transmittance = 1.0;
-    for splat in splats {
-        let Some(alpha) = splat.footprint.alpha(x, y, rules) else { continue };
+    for (splat, alpha) in fragments {
         let left = transmittance * (1.0 - alpha);
         if rules.stop.is_some_and(|stop| left < stop) {
             break;
@@ -363,6 +387,43 @@ mod tests {
         assert!((found - expected).abs() < 1e-3, "beside the needle: {found}, expected {expected}");
     }
 
+    /// Returns two plates that lean against each other and cross in the column of pixel 32. The first one is white and
+    /// in front to the left; the second one is black.
+    fn crossing(first_z: f64) -> [Gaussian; 2] {
+        let half = std::f64::consts::FRAC_PI_8;
+        [(first_z, 0.5, half), (5.0, -0.5, -half)].map(|(z, light, half)| {
+            let mut plate = ball(z, 0.6, 0.9);
+            plate.scale[2] = 1e-3;
+            plate.rotation = [half.cos(), 0.0, half.sin(), 0.0];
+            plate.sh[0] = [light / 0.28209479177387814; 3];
+            plate
+        })
+    }
+
+    #[test]
+    fn crossing_plates_change_places_within_the_picture_by_the_order_of_each_pixel_only() {
+        let columns = |rules: &Rules| {
+            let picture = draw(&crossing(5.0), rules);
+            [30, 34].map(|x| at(&picture, x, 24))
+        };
+        let [left, right] = columns(&Rules::PUBLISHED);
+        assert!(left > 0.8 && (left - right).abs() < 0.01, "one order: {left}, {right}");
+        let [left, right] = columns(&Rules { order: Order::Pixel, ..Rules::PUBLISHED });
+        assert!(left.min(right) < 0.2 && left.max(right) > 0.8, "two orders: {left}, {right}");
+    }
+
+    #[test]
+    fn by_the_order_of_each_pixel_a_plate_that_passes_another_changes_no_pixel_suddenly() {
+        let change = |order: Order| {
+            let rules = Rules { order, ..Rules::PUBLISHED };
+            let [before, after] = [4.999_999, 5.000_001].map(|z| draw(&crossing(z), &rules));
+            let changes = before.color.iter().zip(&after.color).map(|(a, b)| (a[0] - b[0]).abs());
+            changes.enumerate().filter(|(at, _)| at % 65 != 32).map(|(_, change)| change).fold(0.0, f64::max)
+        };
+        assert!(change(Order::Centre) > 0.7, "they change places everywhere at once");
+        assert!(change(Order::Pixel) < 1e-4, "{}", change(Order::Pixel));
+    }
+
     #[test]
     fn the_largest_weights_of_a_rectangle_are_the_picture_s() {
         let camera = camera();
@@ -405,9 +466,13 @@ mod tests {
                 }
             }
         }
-        for (rule, value) in
-            [("near", "0.2"), ("low_pass", "none"), ("low_pass", "0.3*compensated"), ("alpha_floor", "0")]
-        {
+        for (rule, value) in [
+            ("near", "0.2"),
+            ("low_pass", "none"),
+            ("low_pass", "0.3*compensated"),
+            ("alpha_floor", "0"),
+            ("order", "pixel"),
+        ] {
             let mut rules = Rules::PUBLISHED;
             rules.set(rule, value).unwrap();
             let picture = draw(&splats, &rules);

@@ -36,6 +36,8 @@ pub struct Rules {
     pub depth: Depth,
     /// The order of splats with equal depths.
     pub ties: Ties,
+    /// The place at which depths are compared: the splats' centres, or each pixel.
+    pub order: Order,
     /// Minimum alpha of a fragment; fragments below it are skipped.
     pub alpha_floor: f64,
     /// Maximum alpha of a fragment.
@@ -62,6 +64,7 @@ impl Rules {
         key_of: KeyOf::Depth,
         depth: Depth::F32,
         ties: Ties::Ascending,
+        order: Order::Centre,
         alpha_floor: (1.0f32 / 255.0) as f64,
         alpha_cap: 0.99f32 as f64,
         stop: Some(1e-4f32 as f64),
@@ -117,6 +120,9 @@ impl Rules {
             "ties" => {
                 self.ties =
                     choice(value, &[("ascending", Ties::Ascending), ("descending", Ties::Descending)])?;
+            }
+            "order" => {
+                self.order = choice(value, &[("centre", Order::Centre), ("pixel", Order::Pixel)])?;
             }
             "alpha_floor" => self.alpha_floor = number(value)?,
             "alpha_cap" => self.alpha_cap = number(value)?,
@@ -244,6 +250,16 @@ pub enum Ties {
     Descending,
 }
 
+/// The place at which the depths of splats are compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum Order {
+    /// The splats' centres, so that the whole picture has one order. It changes suddenly when the camera moves.
+    Centre,
+    /// Each pixel: a splat's depth is that of its largest density along the pixel's ray, in the affine approximation
+    /// that also gives its ellipse. Source: StopThePop, Radl et al., SIGGRAPH 2024, section 4, which uses the exact ray.
+    Pixel,
+}
+
 /// A rule's name, published value and source.
 #[derive(Clone, Copy, Debug)]
 pub struct RuleInfo {
@@ -258,7 +274,7 @@ pub struct RuleInfo {
 }
 
 /// Every rule that can be changed.
-pub const RULES: [RuleInfo; 15] = [
+pub const RULES: [RuleInfo; 16] = [
     rule("near", "a number", "0.2", "auxiliary.h, in_frustum"),
     rule("pixel_offset", "a number", "0", "auxiliary.h, ndc2Pix"),
     rule("jacobian_clamp", "a number or `none`", "1.3", "forward.cu, computeCov2D"),
@@ -281,6 +297,7 @@ pub const RULES: [RuleInfo; 15] = [
     rule("key_of", "`depth` or `distance`", "depth", "auxiliary.h, in_frustum"),
     rule("depth", "`f32` or `f64`", "f32", "auxiliary.h, transformPoint4x3"),
     rule("ties", "`ascending` or `descending`", "ascending", "rasterizer_impl.cu, duplicateWithKeys"),
+    rule("order", "`centre` or `pixel`", "centre", "rasterizer_impl.cu, duplicateWithKeys"),
     rule("alpha_floor", "a number", "0.00392156862745098", "forward.cu, renderCUDA"),
     rule("alpha_cap", "a number", "0.99", "forward.cu, renderCUDA"),
     rule("stop", "a number or `none`", "0.0001", "forward.cu, renderCUDA"),

@@ -2,7 +2,6 @@
 
 use super::destination::{self, Destination, Output, in_folder, per_camera, stem};
 use crate::cli::cameras;
-use crate::cli::help;
 use crate::cli::job::ShardArgs;
 use crate::cli::loading;
 use crate::cli::look_at::LookAtArgs;
@@ -13,7 +12,6 @@ use crate::cli::stdout::Stdout;
 use crate::draw::backend::Api;
 use crate::draw::builtin;
 use crate::draw::outputs::{NAMES, RGBA, check_format};
-use crate::draw::truth::rule_list;
 use crate::io::image::Format;
 use crate::io::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
 use crate::io::output::{OutputGuard, is_standard_output, shell_word};
@@ -74,8 +72,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()))]
     #[arg(value_parser = Listed(renderers, renderer), hide_possible_values = true)]
     pub(super) backend: Renderer,
-    /// Change a rule of the exact renderer; may be repeated
-    #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, long_help = rule_help())]
+    #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, help = RULE_HELP, long_help = options::rule_help(RULE_HELP))]
     pub(super) rule: Vec<(String, String)>,
     /// Print statistics as JSON, one entry per camera, or write them to FILE
     ///
@@ -130,6 +127,7 @@ pub enum Renderer {
     Reference,
 }
 
+const RULE_HELP: &str = "Change a rule of the exact renderer; may be repeated";
 const REFERENCE: &str = "reference";
 
 impl fmt::Display for Renderer {
@@ -268,13 +266,6 @@ pub fn inspect_request(text: &str) -> Result<InspectRequest, String> {
     };
     let (resource, pass) = options::inspect_target(target)?;
     Ok(InspectRequest { resource, pass, file })
-}
-
-fn rule_help() -> String {
-    format!(
-        "Change a rule of the exact renderer; may be repeated\n\nThe rules, with their values and their place in the published rasteriser:\n{}",
-        help::two_columns(rule_list())
-    )
 }
 
 fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {

@@ -5,7 +5,7 @@ use crate::draw::capture::{self, Capture};
 use crate::draw::interleaved;
 use crate::draw::orbit;
 use crate::draw::session::Session;
-use crate::draw::truth::Truth;
+use crate::draw::truth::{self, Truth};
 use crate::io::image::Image;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use serde::Serialize;
@@ -94,18 +94,20 @@ pub fn check(cameras: &[Camera]) -> Result<(), StudyError> {
 
 /// Draws the path of the subject's cameras with each variant, and scores the steps.
 ///
-/// The first camera is drawn `warm_up` times before, from empty histories.
+/// The first camera is drawn `warm_up` times before, from empty histories. `rules`, as pairs of name and value, change
+/// the rules of the true pictures.
 ///
 /// The true pictures are drawn first, which takes time: call [`Subject::check`] before, to report errors in a graph at
 /// once.
 ///
 /// # Errors
-/// The path cannot be measured or shows no splat, an exact picture does not fit in memory, a graph has errors, its
-/// pictures cannot be scored, the device fails, or the listener cancels.
+/// The path cannot be measured or shows no splat, a rule is invalid, an exact picture does not fit in memory, a graph
+/// has errors, its pictures cannot be scored, the device fails, or the listener cancels.
 pub fn study(
     subject: &Subject,
     variants: &[Setting],
     warm_up: u32,
+    rules: &[(String, String)],
     listener: &mut dyn Listener,
 ) -> Result<Vec<Track>, StudyError> {
     let Subject { scene, cameras, .. } = subject;
@@ -116,7 +118,8 @@ pub fn study(
     let mut path = Vec::new();
     for (at, camera) in cameras.iter().enumerate() {
         steps.next(&format!("the exact pictures, frame {at}"))?;
-        let rules = Rules::of_view(scene, camera);
+        let rules = truth::rules(Rules::of_view(scene, camera), rules);
+        let rules = rules.map_err(|error| StudyError::Input(error.to_string()))?;
         let picture = Truth::draw(scene, camera, [0.0; 3], &rules)?.image();
         path.push(Frame { camera, picture, order: depth_order(&**scene, camera, &rules) });
     }

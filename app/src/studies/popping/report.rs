@@ -67,8 +67,9 @@ pub const NOTES: &str = "\
 pop: for steps of this many degrees (their mean). With another step, the ranking may change: an error that drifts \
 shrinks with the step, one that jumps shrinks less.
 per °: pop per degree of camera rotation. Compare only equal steps.
-0 by definition: the published order, in which the exact renderer also draws. It sorts by depth (fisheyes and \
-panoramas: by distance), and pops where two splats change places; these pops are not counted here.
+0 by definition: the published order, in which the exact renderer also draws. It sorts by the depth of centres \
+(fisheyes and panoramas: by distance), and pops where two splats change places. These pops are counted only with \
+`--rule order=pixel`: the true pictures then have the order of each pixel, and do not pop.
 ";
 
 /// Formats summaries as a table for a terminal.
@@ -108,9 +109,10 @@ fn shown_degrees(degrees: f64) -> String {
     text::decimals(degrees, 4)
 }
 
-/// Formats every step of every variant as CSV (RFC 4180), with all digits; missing values are empty.
-pub fn csv(tracks: &[Track], provenance: &Provenance) -> String {
-    let header = "variant,step,camera,degrees,pop,excess,worst,worst_x,worst_y,change,true_change,order_changes,true_order_changes,pipeline,set";
+/// Formats every step of every variant as CSV (RFC 4180), with all digits; missing values are empty. `rules` are those
+/// of [`study`](super::study).
+pub fn csv(tracks: &[Track], rules: &[(String, String)], provenance: &Provenance) -> String {
+    let header = "variant,step,camera,degrees,pop,excess,worst,worst_x,worst_y,change,true_change,order_changes,true_order_changes,pipeline,set,rules";
     let lines = tracks.iter().flat_map(|track| {
         track.steps.iter().enumerate().map(|(at, step)| {
             let cells = [
@@ -129,6 +131,7 @@ pub fn csv(tracks: &[Track], provenance: &Provenance) -> String {
                 text::optional(step.true_order_changes),
                 text::quoted(&track.variant.pipeline),
                 text::quoted(&text::parameters(&track.variant.set)),
+                text::quoted(&text::parameters(rules)),
             ];
             cells.join(",")
         })
@@ -214,10 +217,10 @@ mod tests {
         assert!(lines.len() == 2 && width(lines[0]) == width(lines[1]), "{text}");
         assert!(lines[1].contains(" 0.25°  2.000e-1  8.000e-1 "), "{text}");
         assert_eq!(["0.25", "0", "12"].map(String::from), [0.25, 0.0, 12.0].map(shown_degrees));
-        let text = csv(&[track()], &origin().provenance);
+        let text = csv(&[track()], &[("order".into(), "pixel".into())], &origin().provenance);
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 3, "{text}");
-        assert!(lines[2].starts_with("\"a \"\"b\"\"\",2,\"y\",0.25,0.3,0.15,0.6,3,4,0.5,0.25,4,2,\"splat\",\"k=8\",\"a.ply\",32,24,"), "{text}");
+        assert!(lines[2].starts_with("\"a \"\"b\"\"\",2,\"y\",0.25,0.3,0.15,0.6,3,4,0.5,0.25,4,2,\"splat\",\"k=8\",\"order=pixel\",\"a.ply\",32,24,"), "{text}");
         let plotted = plot(&[track(), track()]);
         assert_eq!((plotted.series.len(), plotted.series[0].points.len()), (1, 2));
         assert_eq!(plotted.series[0].name, "a \"b\", a \"b\"");
