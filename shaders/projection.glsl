@@ -6,6 +6,11 @@
 
 #include "stored_splat.glsl"
 
+// Also finds the splats' depths within the picture, if the graph orders splats at each pixel.
+#if defined(PIXEL_WINDOW) && PIXEL_WINDOW > 0
+#define HAS_PLANE
+#endif
+
 // A graph without the parameter draws pinhole views.
 #if defined(PROJECTION) && PROJECTION != PROJECTION_PINHOLE
 #define HAS_LENS
@@ -56,6 +61,9 @@ struct Ellipse {
     float xx, xy, yy;
     float determinant;
     int unit_exponent;
+#ifdef HAS_PLANE
+    vec2 with_depth;  // covariances of the position on the screen and the depth
+#endif
 };
 
 // Returns the binary logarithm of a non-negative float, rounded down; -127 for 0.
@@ -76,13 +84,14 @@ float largest(vec3 v) {
     return max(max(abs(v.x), abs(v.y)), abs(v.z));
 }
 
-// Projects the covariance of splat `i`. The rows of J W (Jacobian times rotation to the camera) are `t0` and `t1`.
+// Projects the covariance of splat `i`. The rows of J W (Jacobian times rotation to the camera) are `t0` and `t1`; `t2` is the
+// derivative of the depth.
 //
 // The covariance is a factor times its transpose, and so is the ellipse, A A^T with A = J W times that factor. By Lagrange's
 // identity its determinant is the squared length of the cross product of A's rows, in which nothing large cancels.
-Ellipse project_covariance(uint i, vec3 t0, vec3 t1) {
+Ellipse project_covariance(uint i, vec3 t0, vec3 t1, vec3 t2) {
     int size = exponent_of(max(largest(t0), largest(t1)));
-    mat3 columns = factor_for(i, t0, t1);
+    mat3 columns = factor_for(i, t0, t1, t2);
     size += exponent_of(max(max(largest(columns[0]), largest(columns[1])), largest(columns[2])));
     Ellipse e;
     e.unit_exponent = unit_exponent_for(size);
@@ -97,6 +106,10 @@ Ellipse project_covariance(uint i, vec3 t0, vec3 t1) {
                   difference_of_products(a0.z, a1.x, a0.x, a1.z),
                   difference_of_products(a0.x, a1.y, a0.y, a1.x));
     e.determinant = dot(n, n);
+#ifdef HAS_PLANE
+    vec3 a2 = t2 * columns;
+    e.with_depth = vec2(dot(a0, a2), dot(a1, a2));
+#endif
     return e;
 }
 
@@ -127,6 +140,9 @@ struct Projection {
     float larger, smaller;  // its eigenvalues
     vec2 direction;     // unit eigenvector of the larger one
     vec3 from_camera;   // from the camera to the splat, in the world
+#ifdef HAS_PLANE
+    vec3 plane;         // depth at the centre, and its change per pixel to the right and down
+#endif
 };
 
 // Projects splat `i`; returns false if it is behind the near plane, not above the alpha floor, without area, culled, or not a number.
@@ -197,7 +213,13 @@ bool project_splat(uint i, out Projection splat) {
     vec3 t0 = (camera.focal.x / z) * (w0 - held.x * w2);
     vec3 t1 = (camera.focal.y / z) * (w1 - held.y * w2);
 #endif
-    Ellipse e = project_covariance(i, t0, t1);
+    // The derivative of the depth.
+#if defined(KEY_OF) && KEY_OF == KEY_OF_DISTANCE
+    vec3 t2 = direction_of(from_camera);
+#else
+    vec3 t2 = vec3(view[0][2], view[1][2], view[2][2]);
+#endif
+    Ellipse e = project_covariance(i, t0, t1, t2);
 
     // Eigenvalues: the larger as a sum of positive terms, the smaller as determinant / larger. The low pass adds a constant
     // to both, and only positive terms to the determinant.
@@ -227,7 +249,7 @@ bool project_splat(uint i, out Projection splat) {
     smaller = min(smaller, most * most);
 
 #if LOW_PASS == LOW_PASS_COMPENSATED || LOW_PASS == LOW_PASS_MIP
-    // The dilated ellipse has the volume of the sharp one (Yu et al. 2024, "Mip-Splatting", equation 9).
+    // The dilated ellipse has the volume of the sharp one (Yu et al. 2024, "Mip-Splatting", 2D Mip filter).
     alpha *= sqrt(e.determinant / determinant);
     if (!(alpha > alpha_floor)) {
         return false;
@@ -262,6 +284,15 @@ bool project_splat(uint i, out Projection splat) {
     }
 #endif
 #endif
+#endif
+#ifdef HAS_PLANE
+    // At given x and y, the mean depth of a Gaussian is linear in them: the slope is the inverse covariance, in the triangular form of
+    // record.glsl, times the covariances with the depth.
+    float lean_of_row = splat.xy / splat.yy;
+    float width = sqrt(splat.yy / splat.determinant);
+    float p0 = width * (e.with_depth.x - lean_of_row * e.with_depth.y);
+    float p1 = e.with_depth.y / splat.yy;
+    splat.plane = vec3(splat.depth, vec2(width * p0, p1 - width * lean_of_row * p0) * units_per_pixel);
 #endif
     return largest(vec3(splat.centre, 0.0)) <= FARTHEST;
 }

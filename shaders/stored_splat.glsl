@@ -41,7 +41,7 @@ vec3 position_of(uint i) {
 #if STORAGE != STORAGE_SEPARATE
 #include "unpack_splat.glsl"
 
-mat3 factor_for(uint i, inout vec3 t0, inout vec3 t1) {
+mat3 factor_for(uint i, inout vec3 t0, inout vec3 t1, inout vec3 t2) {
     return factor_of(i);
 }
 #else
@@ -60,8 +60,8 @@ float opacity_of(uint i) {
     return opacity[i];
 }
 
-// Returns a factor of the covariance, and permutes the elements of `t0` and `t1` into the order of its rows.
-mat3 factor_for(uint i, inout vec3 t0, inout vec3 t1) {
+// Returns a factor of the covariance, and permutes the elements of the vectors into the order of its rows.
+mat3 factor_for(uint i, inout vec3 t0, inout vec3 t1, inout vec3 t2) {
 #if COVARIANCE == COVARIANCE_FACTORED
     float m[9] = covariance[i].m;
     return mat3(m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]);
@@ -79,9 +79,11 @@ mat3 factor_for(uint i, inout vec3 t0, inout vec3 t1) {
     if (floatBitsToInt(l00) < 0) {
         t0 = t0.yzx;
         t1 = t1.yzx;
+        t2 = t2.yzx;
     } else if (floatBitsToInt(l11) < 0) {
         t0 = t0.zxy;
         t1 = t1.zxy;
+        t2 = t2.zxy;
     }
     return mat3(abs(l00), l10, l20, 0.0, abs(l11), l21, 0.0, 0.0, l22);
 #endif

@@ -48,6 +48,7 @@ mod outputs;
 mod page;
 mod parameters;
 mod parity;
+mod pixel_order;
 mod place;
 mod plans;
 #[cfg(target_os = "linux")]

@@ -100,7 +100,7 @@ fn camera() -> Camera {
 }
 
 /// Makes a square of one colour, 2 x 2 units, at `z`. Its upper left corner is at `left` and `top`.
-fn square([left, top]: [f32; 2], z: f32, base_color: [f32; 4]) -> Mesh {
+pub fn square([left, top]: [f32; 2], z: f32, base_color: [f32; 4]) -> Mesh {
     Mesh {
         positions: [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
             .map(|[x, y]| [left + x, top + y, z])

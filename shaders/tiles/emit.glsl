@@ -8,6 +8,22 @@ layout(set = 0, binding = 11, std430) writeonly buffer PairSplats { uint pair_sp
 shared uint splat_ends[BLOCK];
 shared uint splat_bins[BLOCK];
 shared uint splat_word[BLOCK];
+#ifdef HAS_PLANE
+// Centre, in pixels, and the plane of the depth (projection.glsl).
+shared vec2 splat_centre[BLOCK];
+shared vec3 splat_plane[BLOCK];
+
+// Returns the depth of a splat of the block in a bin: at the pixel that is nearest to its centre.
+float depth_in_bin(uint at, uint bin) {
+    vec2 origin = vec2(uvec2(bin % uint(BINS_X), bin / uint(BINS_X)) * BIN_SIZE);
+    vec2 centre = splat_centre[at];
+#if WRAPS
+    const float ROUND = float(VIEWPORT_WIDTH);
+    centre.x += ROUND * floor((origin.x + 0.5 * float(BIN) - centre.x) / ROUND + 0.5);
+#endif
+    return splat_plane[at].x + dot(splat_plane[at].yz, clamp(centre, origin, origin + vec2(BIN_SIZE - 1u)) - centre);
+}
+#endif
 
 #if !SORTS_SPLATS
 // Writes a pair at `place`: the bin, with as many bits of the depth's key as fit below it, and the splat, with further bits of the key
@@ -41,7 +57,12 @@ void write_pairs(uint start, uint total) {
             pair_keys[place] = bin;
             pair_splats[place] = splat_word[at];
 #else
-            write_pair(place, bin, splat_word[at], group_index() * BLOCK + at);
+#ifdef HAS_PLANE
+            uint key = depth_key(depth_in_bin(at, bin));
+#else
+            uint key = splat_word[at];
+#endif
+            write_pair(place, bin, key, group_index() * BLOCK + at);
 #endif
         }
     }

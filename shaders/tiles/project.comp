@@ -24,6 +24,9 @@
 #include "../projection.glsl"
 
 layout(set = 0, binding = 3, std430) writeonly buffer Records { StoredRecord records[]; };
+#ifdef HAS_PLANE
+layout(set = 0, binding = 9, std430) writeonly buffer Planes { float planes[]; };
+#endif
 
 #if RECORD == RECORD_F32
 const float BRIGHTEST = BRIGHTEST_FLOAT;
@@ -113,6 +116,11 @@ void write_record(uint i, Projection p, float radius) {
     r.radius = radius;
     r.colour = finite_colour(i, p.from_camera, BRIGHTEST);
     records[i] = pack_record(r);
+#ifdef HAS_PLANE
+    planes[3u * i] = p.plane.x;
+    planes[3u * i + 1u] = p.plane.y;
+    planes[3u * i + 2u] = p.plane.z;
+#endif
 }
 
 #if !SORTS_SPLATS
@@ -150,7 +158,12 @@ void main() RECONVERGES {
     uint pairs = 0u;
     if (i < uint(SCENE_COUNT) && project_to_bins(i, p, radius, rect)) {
         splat_bins[thread] = pack_bins(rect);
+#ifdef HAS_PLANE
+        splat_centre[thread] = p.centre;
+        splat_plane[thread] = p.plane;
+#else
         splat_word[thread] = depth_key(p.depth);
+#endif
         // Unpacked, because a panorama's rectangle may wrap around the edge.
         pairs = bins_in(unpack_bins(splat_bins[thread]));
     }

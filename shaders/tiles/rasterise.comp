@@ -22,6 +22,9 @@
 #include "cells.glsl"
 #include "seen.glsl"
 #include "../mesh/behind.glsl"
+#if PIXEL_WINDOW > 0
+#include "window.glsl"
+#endif
 
 #define LANES DEVICE_SUBGROUP_SIZE
 const uint THREADS = RASTER_THREADS;
@@ -59,9 +62,16 @@ shared uvec4 chunk_rest[THREADS];
 #if RECORD == RECORD_F32
 shared float chunk_blue[THREADS];
 #endif
-#if WITH_OUTPUTS
+#if PIXEL_WINDOW == 0 && WITH_OUTPUTS
 // The depth and the index of the chunk's splats.
 shared uvec2 chunk_seen[THREADS];
+#elif PIXEL_WINDOW > 0
+// The depths of the chunk's splats (projection.glsl): the change per pixel to the right and down, and the depth at the corner of the bin's
+// square. Not vec3, of which some devices pad an array to 16 bytes each.
+shared float chunk_across[THREADS];
+shared float chunk_down[THREADS];
+shared float chunk_depth[THREADS];
+layout(set = 0, binding = 14, std430) readonly buffer Planes { float planes[]; };
 #endif
 // A row for each 32 splats of the chunk, with a word for each of the bin's cells: a bit for each splat that touches it. The row
 // length is not a multiple of the number of memory banks, because the invocations of a cell read different rows.
@@ -198,6 +208,9 @@ void main() RECONVERGES {
     float lights[OWN][CELL_PIXELS];
     float floors[OWN][CELL_PIXELS];
     bool is_done[OWN];
+#if PIXEL_WINDOW > 0
+    Window windows[OWN][CELL_PIXELS];
+#endif
 #if WITH_OUTPUTS
     Pixel pixels_of[OWN][CELL_PIXELS];
 #endif
@@ -213,6 +226,9 @@ void main() RECONVERGES {
             colours[o][p] = vec3(0.0);
             lights[o][p] = 1.0;
             floors[o][p] = alpha_floor;
+#if PIXEL_WINDOW > 0
+            windows[o][p] = empty_window();
+#endif
         }
     }
 
@@ -247,7 +263,12 @@ void main() RECONVERGES {
 #else
         chunk_rest[thread] = uvec4(floatBitsToUint(vec2(r.root.z, r.log_alpha)), stored.rest.zw);
 #endif
-#if WITH_OUTPUTS
+#if PIXEL_WINDOW > 0
+        vec3 plane = vec3(planes[3u * index], planes[3u * index + 1u], planes[3u * index + 2u]);
+        chunk_across[thread] = plane.y;
+        chunk_down[thread] = plane.z;
+        chunk_depth[thread] = plane.x - dot(plane.yz, centre);
+#elif WITH_OUTPUTS
         // The padding splat is before every mesh, so that it ends no list.
         chunk_seen[thread] = uvec2(floatBitsToUint(is_entry ? depth_of[index] : 0.0), index);
 #endif
@@ -308,7 +329,9 @@ void main() RECONVERGES {
 #else
                         vec3 colour = vec3(unpackHalf2x16(rest.z), unpackHalf2x16(rest.w).x);
 #endif
-#if WITH_OUTPUTS
+#if PIXEL_WINDOW > 0
+                        float depth = chunk_across[at] * place.x + (chunk_down[at] * place.y + chunk_depth[at]);
+#elif WITH_OUTPUTS
                         Seen seen = Seen(uintBitsToFloat(chunk_seen[at].x), chunk_seen[at].y, vec3(0.0));
 #if WITH_NORMALS
                         seen.normal = normals[seen.index].xyz;
@@ -316,6 +339,20 @@ void main() RECONVERGES {
 #endif
                         [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
                             float alpha = min(alpha_cap, exp2(log_alpha - u * u - v * v));
+#if PIXEL_WINDOW > 0
+#if WITH_MESH
+                            alpha = depth < pixels_of[o][p].limit ? alpha : 0.0;
+#endif
+                            if (alpha >= floors[o][p]) {
+                                StoredLight next = pack_light(colour, alpha);
+#if WITH_OUTPUTS
+                                uint next_index = lists[first + at - 1u];
+#endif
+                                push(windows[o][p], depth, next AND(next_index));
+                                blend(colours[o][p], lights[o][p], floors[o][p], next AND(pixels_of[o][p]) AND(next_index));
+                            }
+                            depth += float(ROWS_AT_ONCE) * chunk_down[at];
+#else
 #if WITH_MESH
                             floors[o][p] = seen.depth >= pixels_of[o][p].limit ? 2.0 : floors[o][p];
 #endif
@@ -330,6 +367,7 @@ void main() RECONVERGES {
 #endif
                             colours[o][p] += light * colour;
                             lights[o][p] -= light;
+#endif
                             u += float(ROWS_AT_ONCE) * root.y;
                             v += float(ROWS_AT_ONCE) * uintBitsToFloat(rest.x);
                         }
@@ -351,6 +389,17 @@ void main() RECONVERGES {
             atomicOr(is_open[(round + 1u) & 1u], 1u);
         }
     }
+
+#if PIXEL_WINDOW > 0
+    [[unroll]] for (uint o = 0u; o < OWN; o++) {
+        [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
+            [[unroll]] for (uint w = 0u; w < uint(PIXEL_WINDOW); w++) {
+                blend(colours[o][p], lights[o][p], floors[o][p], windows[o][p].lights[w] AND(pixels_of[o][p])
+                      AND(windows[o][p].indices[w]));
+            }
+        }
+    }
+#endif
 
     bool is_whole = segments_of(range.y - range.x) == 1u;
     uint sum_place = is_whole ? 0u : segment == 0u ? numbers[bin] : FURTHER_SUMS + number;

@@ -85,6 +85,8 @@ impl Way {
             // `auto` chooses these tiles on GPUs only. Their packed records composite segments in half floats, which
             // costs dB.
             "tiled" => Way::new(preset, &[("stop", "0.0")], |bounds| bounds.tiled - 10.0),
+            // Its order is another one: only that all values are finite is tested.
+            "pixel_order" => Way::new(preset, &[("stop", "0.0")], |_| f64::NEG_INFINITY),
             "tiled_exact" => Way::new(preset, &OPEN_TILES, |bounds| bounds.tiled_exact),
             _ => Way::new(preset, &full, |bounds| bounds.exact),
         };
@@ -112,8 +114,17 @@ impl Way {
     fn is_right(&self) -> bool {
         let exact = self.set.iter().any(|(name, value)| (name.as_str(), value.as_str()) == ("record", "f32"));
         exact
-            || !["unsorted", "front_to_back_naive", "key16", "auto", "mesh", "tiled", "tiled_cpu"]
-                .contains(&self.preset)
+            || ![
+                "unsorted",
+                "front_to_back_naive",
+                "key16",
+                "auto",
+                "mesh",
+                "tiled",
+                "tiled_cpu",
+                "pixel_order",
+            ]
+            .contains(&self.preset)
     }
 
     fn name(&self) -> String {
