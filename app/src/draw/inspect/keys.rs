@@ -155,7 +155,9 @@ mod tests {
     use crate::draw::inspect::{Finding, resolve};
     use crate::draw::planner::Planner;
 
-    fn plan(graph: &str, lanes: u32) -> Plan {
+    const PAIRS: (&str, &str) = ("pair_bits", "27");
+
+    fn plan(graph: &str, lanes: u32, set: &[(&str, &str)]) -> Plan {
         let scene = SceneFacts { count: 5_000_000, ..SceneFacts::NOMINAL };
         let device = splatgraph_framework::ir::DeviceFacts {
             max_storage_bytes: 1 << 31,
@@ -164,19 +166,20 @@ mod tests {
         let facts = facts::facts(&scene, &device, facts::DEFAULT_SIZE);
         let mut catalog = facts::nominal_catalog();
         catalog.attributes.values_mut().for_each(|attribute| attribute.count = scene.count);
-        let set = [("pair_bits".to_owned(), "27".to_owned())];
-        let set = if graph == "tiled" { &set[..] } else { &[] };
-        Planner::default().plan(graph, set, &facts, &catalog).unwrap_or_else(|error| panic!("{error}"))
+        let set: Vec<_> = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
+        Planner::default().plan(graph, &set, &facts, &catalog).unwrap_or_else(|error| panic!("{error}"))
     }
 
     #[test]
     fn every_graph_that_sorts_has_keys_to_look_at_by_button_and_by_name() {
-        for (graph, lanes, keys, pass) in [
-            ("splat", 32, "order.keys#", "order.sort.scatter["),
-            ("tiled", 32, "splats.pair_keys#", "bins.sort.scatter["),
-            ("tiled_cpu", 8, "order.keys#", "order.sort.scatter["),
+        for (graph, lanes, set, keys, pass) in [
+            ("splat", 32, ("sorter", "sweep"), "order.keys#", "order.sort.sweep.scatter["),
+            ("splat", 32, ("sorter", "subgroup"), "order.keys#", "order.sort.scatter["),
+            ("splat", 32, ("sorter", "serial"), "order.keys#", "order.sort.scatter["),
+            ("tiled", 32, PAIRS, "splats.pair_keys#", "bins.sort.scatter["),
+            ("tiled_cpu", 8, ("sorter", "serial"), "order.keys#", "order.sort.scatter["),
         ] {
-            let plan = plan(graph, lanes);
+            let plan = plan(graph, lanes, &[set]);
             let (resource, after) = sorted_keys(&plan).expect("keys");
             assert!(resource.starts_with(keys) && after.starts_with(pass), "{resource} {after}");
             let target = resolve(&plan, "keys", "scatter").expect("short names");
@@ -187,12 +190,12 @@ mod tests {
         }
         // Without a sort, these are the keys as the splats were compacted.
         let unsorted = Some(("order.keys#0".to_owned(), "order.compact".to_owned()));
-        assert_eq!(sorted_keys(&plan("unsorted", 32)), unsorted);
+        assert_eq!(sorted_keys(&plan("unsorted", 32, &[])), unsorted);
     }
 
     #[test]
     fn pair_keys_are_judged_over_the_pairs_and_without_the_bits_that_the_sort_leaves_alone() {
-        let plan = plan("tiled", 32);
+        let plan = plan("tiled", 32, &[PAIRS]);
         let target = resolve(&plan, "keys", "scatter").expect("short names");
         // Ascending above the lowest 5 of 32 bits. The last key is not a pair of this frame.
         let keys = [5 << 5 | 7, 5 << 5, 9 << 5 | 1, 9 << 5, 0];
