@@ -532,19 +532,6 @@ fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reaso
 }
 
 #[test]
-fn without_a_display_there_is_no_window_and_the_program_says_what_to_do() {
-    let place = Place::demo(5000);
-    for display in [None, Some(":4321")] {
-        let mut command = place.program("view scene.ply");
-        let output = command.envs(display.map(|display| ("DISPLAY", display))).output().expect("it runs");
-        let text = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(1), "{text}");
-        assert!(text.starts_with("error: there is no display to open a window on ("), "{text}");
-        assert!(text.contains("`splatgraph render` draws without a window"), "{text}");
-    }
-}
-
-#[test]
 fn the_backend_that_executes_nothing_draws_black_pictures_is_measured_and_compares_none() {
     let place = Place::demo(5000);
     let null = "--backend null";

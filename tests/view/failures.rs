@@ -57,13 +57,16 @@ fn without_a_display_the_program_says_so_and_with_one_of_two_it_takes_that() {
     assert!(status.success(), "{status}\n{errors}");
 
     let place = Place::new();
-    for display in [None, Some(":4711")] {
+    for (display, wayland) in [(None, false), (Some(":4711"), false), (None, true), (Some(":4711"), true)] {
         let mut command = place.program("view scene.ply");
-        nowhere(&mut command);
+        if wayland {
+            nowhere(&mut command);
+        }
         let output = command.envs(display.map(|name| ("DISPLAY", name))).output().expect("the program runs");
         let errors = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(1), "{errors}");
-        assert!(errors.starts_with("error: there is no display to open a window on"), "{errors}");
+        assert!(errors.starts_with("error: there is no display to open a window on ("), "{errors}");
+        assert!(errors.contains("`splatgraph render` draws without a window"), "{errors}");
     }
 }
 
