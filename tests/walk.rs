@@ -4,7 +4,7 @@
 //! The part of the backend that calls Metal follows the walk, one call per move. These tests walk a few frames of every
 //! built-in graph, rebuild the encoders from the moves, and compare them with the lowered ones.
 
-use crate::encoders::plans;
+use crate::encoders::PLANS;
 use splatgraph_framework::ir::PassId;
 use splatgraph_metal::sync::{Division, EncodedPass, Encoders, Encoding};
 use splatgraph_metal::walk::{Move, Walk, Walked};
@@ -64,9 +64,9 @@ fn expected(encodings: &[Encoding], updated: &mut [bool]) -> Vec<Encoding> {
 
 #[test]
 fn the_walk_over_every_built_in_graph_makes_the_encoders_that_were_proven() {
-    for plan in [true, false].into_iter().flat_map(plans) {
+    for plan in &*PLANS {
         for (division, timed) in [(Division::Merged, false), (Division::Passes, true)] {
-            let mut walked = Walked::new(&plan);
+            let mut walked = Walked::new(plan);
             let Encoders { prologue, frame, handover, fences } = walked.encoders(division).clone();
             let mut updated = vec![false; fences as usize];
             let (first, frames): (Vec<PassId>, _) = (plan.order().collect(), &plan.frame);

@@ -16,12 +16,15 @@ use splatgraph_framework::plan::Plan;
 use splatgraph_metal::dump::add_encoders;
 use splatgraph_metal::sync::model::{Model, mutate};
 use splatgraph_metal::sync::{Division, Encoders, Encoding, encoders};
+use std::sync::LazyLock;
 
 mod bound;
 
-/// Builds the plans of built-in graphs, benchmark graphs, the window's graph and an example. Some have parameters that
-/// add or move passes.
-pub fn plans(share_memory: bool) -> Vec<Plan> {
+/// Plans of built-in graphs, benchmark graphs, the window's graph and an example; some have parameters that add or move
+/// passes. First all plans that share memory, then all that do not.
+pub static PLANS: LazyLock<Vec<Plan>> = LazyLock::new(|| [true, false].into_iter().flat_map(plans).collect());
+
+fn plans(share_memory: bool) -> Vec<Plan> {
     let mut planner = Planner::default();
     let catalog = common::catalog();
     let plain = common::facts_of(&facts::portable_device(facts::USUAL_SUBGROUP_SIZE));
@@ -60,8 +63,7 @@ fn barriers(encodings: &[Encoding]) -> usize {
 fn nothing_is_unordered_in_a_built_in_graph_on_metal_and_nothing_is_needless() {
     let mut mutants = 0;
     let mut wrong = Vec::new();
-    let plans: Vec<Plan> = [true, false].into_iter().flat_map(plans).collect();
-    for plan in &plans {
+    for plan in &*PLANS {
         let model = Model::new(plan);
         for division in Division::ALL {
             let encoders = encoders(plan, division);
@@ -74,7 +76,7 @@ fn nothing_is_unordered_in_a_built_in_graph_on_metal_and_nothing_is_needless() {
     }
     say(&format!("metal: {mutants} mutants of built-in graphs"));
     let what = "the built-in graphs, the graphs of the window and of `bench`, the examples, and variants";
-    let row = format!("| {what} | {} | {} | 0 |", plans.len(), grouped(mutants as u64));
+    let row = format!("| {what} | {} | {} | 0 |", PLANS.len(), grouped(mutants as u64));
     assert!(page().contains(&row), "docs/metal.md: expected this row:\n{row}");
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
@@ -85,12 +87,12 @@ fn no_built_in_graph_has_more_encoders_fences_or_barriers_on_metal_than_it_must_
         "metal: graph, passes, encoders, fences, waits, updates, barriers of a frame; with an encoder for each pass",
     );
     let mut wrong = Vec::new();
-    for plan in [true, false].into_iter().flat_map(plans) {
+    for plan in &*PLANS {
         let counts = |Encoders { frame, fences, .. }: &Encoders| {
             let updates: usize = frame.iter().map(|encoding| encoding.updates.len()).sum();
             [frame.len(), *fences as usize, waits(frame), updates, barriers(frame)]
         };
-        let [merged, apart] = Division::ALL.map(|division| encoders(&plan, division));
+        let [merged, apart] = Division::ALL.map(|division| encoders(plan, division));
         say(&format!(
             "metal: {:22} {:3} {:3?} {:3?}",
             plan.name.rsplit('/').next().unwrap_or_default(),
@@ -98,7 +100,7 @@ fn no_built_in_graph_has_more_encoders_fences_or_barriers_on_metal_than_it_must_
             counts(&merged),
             counts(&apart)
         ));
-        let least = bound::Least::of(&plan);
+        let least = bound::Least::of(plan);
         let found = bound::Least {
             encoders: merged.frame.len(),
             fences: merged.fences as usize,
@@ -122,10 +124,9 @@ fn the_page_on_metal_shows_what_the_command_prints() {
         }
     };
     let shown = [builtin::names(), vec![paint::GRAPH]].concat();
-    let plans = plans(true);
     for name in shown {
-        // The first plan of a name has default parameters.
-        let plan = plans.iter().find(|plan| plan.name == name).expect("it is one of them");
+        // The first plan of a name has default parameters, and shares memory.
+        let plan = PLANS.iter().find(|plan| plan.name == name).expect("it is one of them");
         let dump = add_encoders(backend::dump(plan), plan);
         let text = dump::encoders_text(&dump).expect("they were added");
         let totals = dump.encoders.expect("they were added").frame_totals;

@@ -21,6 +21,7 @@ use splatgraph_vulkan::sync::model::{Replay, Rules, replay};
 use splatgraph_vulkan::sync::{Barrier, Barriers};
 use splatgraph_vulkan::{Validation, Vulkan};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::LazyLock;
 use std::time::Instant;
 
 use crate::common::{self, Upload, say};
@@ -47,19 +48,22 @@ fn plans(scene: &Scene, device: &DeviceFacts) -> Vec<Plan> {
     builtin::names().into_iter().map(plan).collect()
 }
 
+static PORTABLE: LazyLock<Vec<Plan>> =
+    LazyLock::new(|| plans(&scene(), &facts::portable_device(facts::USUAL_SUBGROUP_SIZE)));
+
 #[test]
 fn no_barrier_of_a_preset_is_missing_or_needless_and_no_call_is_one_too_many() {
     say(
         "plans: preset, passes, barriers (memory + image), calls of a frame, links of its longest chain, links by data alone, mutants",
     );
     let mut wrong = Vec::new();
-    for plan in plans(&scene(), &facts::portable_device(facts::USUAL_SUBGROUP_SIZE)) {
-        let barriers = builds::barriers(&plan);
-        let all: Vec<&Barrier> = barriers.calls(&plan).flat_map(|(_, call)| call).collect();
+    for plan in &*PORTABLE {
+        let barriers = builds::barriers(plan);
+        let all: Vec<&Barrier> = barriers.calls(plan).flat_map(|(_, call)| call).collect();
         let images = all.iter().filter(|barrier| barrier.image.is_some()).count();
-        let calls = chain::calls(&plan, &barriers);
-        let flow = chain::longest(&plan, chain::reads_what_was_written).len() - 1;
-        let bound = chain::least_calls(&plan);
+        let calls = chain::calls(plan, &barriers);
+        let flow = chain::longest(plan, chain::reads_what_was_written).len() - 1;
+        let bound = chain::least_calls(plan);
         say(&format!(
             "plans: {:22} {:3} {:3} + {:2} {:4} {:4} {:4} {:5}",
             plan.name,
@@ -69,23 +73,23 @@ fn no_barrier_of_a_preset_is_missing_or_needless_and_no_call_is_one_too_many() {
             calls,
             bound,
             flow,
-            mutations(&plan, &barriers).len()
+            mutations(plan, &barriers).len()
         ));
-        for objection in dependencies(&plan) {
-            wrong.push(format!("{}: {}", plan.name, objection.describe(&plan)));
+        for objection in dependencies(plan) {
+            wrong.push(format!("{}: {}", plan.name, objection.describe(plan)));
         }
-        for violation in replay(&plan, &barriers, &Replay::default()) {
-            wrong.push(format!("{}: {}", plan.name, violation.describe(&plan)));
+        for violation in replay(plan, &barriers, &Replay::default()) {
+            wrong.push(format!("{}: {}", plan.name, violation.describe(plan)));
         }
-        for mutation in needless(&plan, &barriers) {
-            wrong.push(format!("{}: needless: {}", plan.name, mutation.describe(&plan, &barriers)));
+        for mutation in needless(plan, &barriers) {
+            wrong.push(format!("{}: needless: {}", plan.name, mutation.describe(plan, &barriers)));
         }
         // In `stale_order`, drawing does not wait for the sort. So `compose`, `export` and `host` could share the
         // sort's calls, but they are recorded after it, with one call each.
         let spare = if plan.name == "stale_order" { 3 } else { 0 };
         if calls < bound || calls > bound + spare {
-            let chain = chain::longest(&plan, chain::conflicts).join(", ");
-            let shown = builds::shown(&plan);
+            let chain = chain::longest(plan, chain::conflicts).join(", ");
+            let shown = builds::shown(plan);
             wrong.push(format!(
                 "{}: {calls} calls, expected {bound} for the links of {chain}\n{shown}",
                 plan.name
@@ -127,7 +131,7 @@ fn the_table_of_barriers_has_the_counts_of_every_preset() {
 #[test]
 fn a_dependency_of_a_preset_that_is_removed_or_has_a_bit_cleared_is_missed() {
     let (mut mutants, mut unnoticed) = (0, Vec::new());
-    for plan in plans(&scene(), &facts::portable_device(facts::USUAL_SUBGROUP_SIZE)) {
+    for plan in &*PORTABLE {
         let mut mutant = plan.clone();
         let mut missed = |mutant: &Plan, index: usize, what: &str| {
             mutants += 1;
@@ -214,8 +218,8 @@ pub fn target_writes(plan: &Plan) -> (usize, usize) {
 fn target_writes_of_presets_that_could_go_by_availability_alone_are_counted() {
     say("availability: preset, target writes, could go");
     let (mut all, mut spare) = (0, 0);
-    for plan in plans(&scene(), &facts::portable_device(facts::USUAL_SUBGROUP_SIZE)) {
-        let (here, could_go) = target_writes(&plan);
+    for plan in &*PORTABLE {
+        let (here, could_go) = target_writes(plan);
         say(&format!("availability: {:22} {here:4} {could_go:4}", plan.name));
         (all, spare) = (all + here, spare + could_go);
     }
