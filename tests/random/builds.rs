@@ -11,12 +11,16 @@ use splatgraph_framework::{build, dump};
 use splatgraph_vulkan::sync::Barriers;
 use splatgraph_vulkan::sync::model::mutate::{mutations, needless};
 use splatgraph_vulkan::sync::model::{Replay, replay};
-use std::sync::Mutex;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::ops::Deref;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use super::compiler::DeclarationCompiler;
-use super::recipe::{Limits, Recipe, Settings, recipes};
+use super::recipe::{LARGE, Limits, Recipe, Settings, recipes};
 use super::render::{Files, Style, render};
 use super::sketch::Sketch;
 use crate::common::{self, long};
@@ -61,12 +65,35 @@ pub fn barriers(plan: &Plan) -> Barriers {
 }
 
 /// A graph that the builder accepts.
-pub struct Case<'a> {
+pub struct Graph {
     pub sketch: Sketch,
     pub files: Files,
     /// The plan under the recipe's first settings, with shared memory.
     pub plan: Plan,
+}
+
+impl Graph {
+    /// Makes the graph of a recipe; `None` if the builder refuses it.
+    fn of(recipe: &Recipe, limits: Limits) -> Result<Option<Graph>, String> {
+        let sketch = Sketch::of(recipe, limits);
+        let files = render(&sketch, Style::default());
+        let plan = accepted(plan(&files, sketch.settings[0], true))?;
+        Ok(plan.map(|plan| Graph { sketch, files, plan }))
+    }
+}
+
+/// A graph whose mutants are counted.
+pub struct Case<'a> {
+    graph: &'a Graph,
     counts: &'a Counts,
+}
+
+impl Deref for Case<'_> {
+    type Target = Graph;
+
+    fn deref(&self) -> &Graph {
+        self.graph
+    }
 }
 
 impl Case<'_> {
@@ -122,6 +149,24 @@ const LONG: u32 = 100_000;
 /// Graphs per random generator. Batches make the graphs independent of the number of threads.
 const BATCH: u32 = 50;
 
+/// Number of batches of [`LARGE`] graphs that are kept, because most properties are checked on them.
+const KEPT: u32 = 40;
+
+/// Returns the graphs of a batch. Fails if the solver makes a mistake in one of them.
+fn kept(batch: u32) -> Result<Arc<Vec<Option<Graph>>>, String> {
+    static GRAPHS: Mutex<BTreeMap<u32, Arc<Vec<Option<Graph>>>>> = Mutex::new(BTreeMap::new());
+    let all = || GRAPHS.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(graphs) = all().get(&batch) {
+        return Ok(graphs.clone());
+    }
+    let made = RefCell::new(Vec::new());
+    run_batch(batch, BATCH, LARGE, |recipe| {
+        made.borrow_mut().push(Graph::of(recipe, LARGE)?);
+        Ok(())
+    })?;
+    Ok(all().entry(batch).or_insert(Arc::new(made.into_inner())).clone())
+}
+
 /// Checks `property` on `quick` random graphs, or [`LONG`] in a long run, on all cores. Failures are shrunk.
 ///
 /// # Panics
@@ -165,16 +210,29 @@ pub fn for_cases(
             if batch > 0 && batch % 200 == 0 {
                 say("so far ");
             }
-            let found = run_batch(batch, BATCH, limits, |recipe| {
+            let check = |graph: Option<&Graph>| {
                 counts.graphs.fetch_add(1, Relaxed);
-                let sketch = Sketch::of(recipe, limits);
-                let files = render(&sketch, Style::default());
-                let Some(plan) = accepted(plan(&files, sketch.settings[0], true))? else {
-                    counts.refused.fetch_add(1, Relaxed);
-                    return Ok(());
+                match graph {
+                    Some(graph) => property(&Case { graph, counts: &counts }),
+                    None => {
+                        counts.refused.fetch_add(1, Relaxed);
+                        Ok(())
+                    }
+                }
+            };
+            let shrunk =
+                || run_batch(batch, BATCH, limits, |recipe| check(Graph::of(recipe, limits)?.as_ref()));
+            let found = if limits == LARGE && batch < KEPT {
+                let caught = |graph: &Option<Graph>| {
+                    let found = catch_unwind(AssertUnwindSafe(|| check(graph.as_ref())));
+                    found.unwrap_or_else(|_| Err("a panic".into()))
                 };
-                property(&Case { sketch, files, plan, counts: &counts })
-            });
+                let found = kept(batch).and_then(|graphs| graphs.iter().try_for_each(caught));
+                // A failure that is not repeated has no smaller graph, but is one.
+                found.or_else(|text| shrunk().and(Err(text)))
+            } else {
+                shrunk()
+            };
             if let (Err(text), Ok(mut failure)) = (found, failure.lock()) {
                 failure.get_or_insert(text);
             }

@@ -194,7 +194,7 @@ pub enum Stands {
     Last,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     pub buffers: usize,
     pub images: usize,
