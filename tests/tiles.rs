@@ -1,11 +1,12 @@
 //! Tile renderers, compared with images of the published CUDA rasteriser and with each other. Some lists are long, or
 //! begin with too little capacity.
 
-use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, with};
+use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, settings, with};
 use crate::golden::Golden;
 use crate::images::{self, bytes, draw_one, draw_scene, inspected, psnr};
 use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::draw::planner::Planner;
+use splatgraph::draw::session::Session;
 use splatgraph::draw::truth::Truth;
 use splatgraph::io::image::Image;
 use splatgraph_assets::{Camera, Scene, Splat, synth};
@@ -55,13 +56,20 @@ fn demo(splats: u32, size: (u32, u32)) -> (Arc<Scene>, Vec<Camera>) {
     (scene, cameras.collect())
 }
 
-fn drawn(graph: Graph, more: &[(&str, &str)]) -> Vec<Image> {
+/// Opens a session whose plans share a device, and returns it with its cameras.
+fn bench() -> (Session, Vec<Camera>) {
     let (scene, cameras) = demo(20_000, (400, 225));
-    draw_scene(scene, &cameras, graph.0, [0.1, 0.2, 0.3], &with(graph, more))
+    (images::session(scene, GPU.0, &[]), cameras)
 }
 
-fn drawn_bytes(graph: Graph, more: &[(&str, &str)]) -> Vec<Vec<u32>> {
-    drawn(graph, more).iter().map(bytes).collect()
+fn drawn(bench: &mut (Session, Vec<Camera>), graph: Graph, more: &[(&str, &str)]) -> Vec<Image> {
+    let (session, cameras) = bench;
+    session.set_graph(graph.0, &settings(&with(graph, more)));
+    cameras.iter().map(|camera| images::picture(session, camera, [0.1, 0.2, 0.3])).collect()
+}
+
+fn drawn_bytes(bench: &mut (Session, Vec<Camera>), graph: Graph, more: &[(&str, &str)]) -> Vec<Vec<u32>> {
+    drawn(bench, graph, more).iter().map(bytes).collect()
 }
 
 fn assert_close(what: &str, found: &Image, expected: &Image, bound: f64) {
@@ -78,7 +86,8 @@ fn assert_all_close(what: &str, found: &[Image], expected: &[Image], bound: f64)
 
 #[test]
 fn every_variant_of_tiles_draws_the_same_picture() {
-    let expected = drawn(CPU, &[]);
+    let mut bench = bench();
+    let expected = drawn(&mut bench, CPU, &[]);
     // Segments, sorters and digit widths change only the rounding of sums.
     for (graph, set) in [
         (GPU, &[][..]),
@@ -88,7 +97,7 @@ fn every_variant_of_tiles_draws_the_same_picture() {
         (GPU, &[("digit_bits", "5")]),
         (CPU, &[("sorter", "subgroup")]),
     ] {
-        assert_all_close(&format!("{} {set:?}", graph.0), &drawn(graph, set), &expected, 75.0);
+        assert_all_close(&format!("{} {set:?}", graph.0), &drawn(&mut bench, graph, set), &expected, 75.0);
     }
     // These differ more: in the records, or in the splat at which blending stops.
     for (graph, set) in [
@@ -97,18 +106,22 @@ fn every_variant_of_tiles_draws_the_same_picture() {
         (CPU, ("record", "packed")),
         (CPU, ("stop_after", "chunk")),
     ] {
-        assert_all_close(&format!("{} {set:?}", graph.0), &drawn(graph, &[set]), &expected, 65.0);
+        assert_all_close(&format!("{} {set:?}", graph.0), &drawn(&mut bench, graph, &[set]), &expected, 65.0);
     }
+    images::close(bench.0, "variants");
 }
 
 #[test]
 fn the_height_of_bins_changes_no_byte_of_an_exact_picture() {
     // Splats wrap around the edges of a panorama: the columns of their bins have fewer bits if bins are halved.
+    let mut bench = bench();
     for projection in ["pinhole", "equirectangular"] {
-        let [high, low] = ["0", "1"]
-            .map(|halvings| drawn_bytes(GPU, &[("bin_halvings", halvings), ("projection", projection)]));
+        let [high, low] = ["0", "1"].map(|halvings| {
+            drawn_bytes(&mut bench, GPU, &[("bin_halvings", halvings), ("projection", projection)])
+        });
         assert!(high == low, "{projection}");
     }
+    images::close(bench.0, "bins");
 }
 
 #[test]
@@ -140,22 +153,22 @@ fn by_pairs(bits: &'static str) -> [(&'static str, &'static str); 3] {
 }
 
 /// Draws a frame; returns its bytes, and true if the plan's passes sort the splats themselves.
-fn drawn_by_splats(scene: &Arc<Scene>, camera: &Camera, set: &[(&str, &str)]) -> (Vec<u32>, bool) {
-    let mut session = images::session(scene.clone(), GPU.0, &with(GPU, set));
-    let picture = images::picture(&mut session, camera, [0.0; 3]);
+fn drawn_by_splats(session: &mut Session, camera: &Camera, set: &[(&str, &str)]) -> (Vec<u32>, bool) {
+    let picture = images::drawn(session, camera, GPU.0, &with(GPU, set));
     let plan = session.plan().expect("a plan");
     (bytes(&picture), plan.passes.iter().any(|pass| pass.name == "bins.count_pairs"))
 }
 
 #[test]
 fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
-    let (scene, cameras) = demo(20_000, (400, 225));
+    let (mut session, cameras) = bench();
     for camera in &cameras {
-        let (expected, _) = drawn_by_splats(&scene, camera, &[("sorter", "subgroup"), ("sorted", "splats")]);
+        let (expected, _) =
+            drawn_by_splats(&mut session, camera, &[("sorter", "subgroup"), ("sorted", "splats")]);
         // 28-bit keys are scaled up to the full range, which must not merge depths.
         for (bits, key_bits) in [("32", "32"), ("24", "32"), ("20", "32"), ("24", "28")] {
             let set = [&by_pairs(bits)[..], &[("key_bits", key_bits)]].concat();
-            let (found, by_splats) = drawn_by_splats(&scene, camera, &set);
+            let (found, by_splats) = drawn_by_splats(&mut session, camera, &set);
             assert!(!by_splats, "{bits} of {key_bits} bits: splats were sorted");
             assert!(
                 found == expected,
@@ -163,14 +176,16 @@ fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
             );
         }
     }
+    images::close(session, "tied pairs");
 }
 
 #[test]
 fn splats_are_sorted_where_pairs_need_an_order_that_a_sort_of_pairs_does_not_give() {
-    let (scene, cameras) = demo(20_000, (400, 225));
-    let sorts_splats = |set: &[(&str, &str)]| {
-        let (found, sorts_splats) = drawn_by_splats(&scene, &cameras[0], set);
-        let (expected, _) = drawn_by_splats(&scene, &cameras[0], &[set, &[("sorted", "splats")]].concat());
+    let (mut session, cameras) = bench();
+    let mut drawn = |set: &[(&str, &str)]| drawn_by_splats(&mut session, &cameras[0], set);
+    let mut sorts_splats = |set: &[(&str, &str)]| {
+        let (found, sorts_splats) = drawn(set);
+        let (expected, _) = drawn(&[set, &[("sorted", "splats")]].concat());
         assert!(found == expected, "{set:?}: pairs are blended in another order than splats");
         sorts_splats
     };
@@ -180,9 +195,9 @@ fn splats_are_sorted_where_pairs_need_an_order_that_a_sort_of_pairs_does_not_giv
     assert!(sorts_splats(&[("key_bits", "10")]), "keys too narrow for the scene");
     assert!(sorts_splats(&[("key_map", "equalised")]), "keys that depend on all depths");
     // The budget has no effect on pairs, and must have none after a frame with tied pairs.
-    let drawn =
-        |more: &[(&str, &str)]| drawn_by_splats(&scene, &cameras[0], &[&by_pairs("16")[..], more].concat());
-    assert!(drawn(&[("budget", "0.5")]) == drawn(&[]), "tied pairs let the budget take effect");
+    let budget = [&by_pairs("16")[..], &[("budget", "0.5")]].concat();
+    assert!(drawn(&budget) == drawn(&by_pairs("16")), "tied pairs let the budget take effect");
+    images::close(session, "orders");
 }
 
 #[test]
@@ -201,12 +216,15 @@ fn a_run_of_128_pairs_is_ordered_and_for_one_of_129_splats_are_sorted() {
         Arc::new(Scene::generate(run as u32 + 1, 0, splat))
     };
     let sorted = [("sorter", "subgroup"), ("sorted", "splats")];
+    let mut session = images::session(scene(1), GPU.0, &[]);
     for (run, sorts_splats) in [(128, false), (129, true)] {
-        let (found, by_splats) = drawn_by_splats(&scene(run), &camera, &by_pairs("16"));
-        let (expected, _) = drawn_by_splats(&scene(run), &camera, &sorted);
+        session.set_scene(scene(run));
+        let (found, by_splats) = drawn_by_splats(&mut session, &camera, &by_pairs("16"));
+        let (expected, _) = drawn_by_splats(&mut session, &camera, &sorted);
         assert!(found == expected, "{run} pairs are blended in another order");
         assert_eq!(by_splats, sorts_splats, "{run} pairs");
     }
+    images::close(session, "runs of pairs");
 }
 
 #[test]
@@ -223,11 +241,13 @@ fn splats_of_equal_depth_keep_the_order_of_the_file_wherever_the_projection_writ
     // More than a workgroup of 256, with invisible splats between those that are seen.
     let hidden = |at: usize| Splat { position: [0.0, 0.0, -2.0], ..splat(at) };
     let scene = Arc::new(Scene::generate(3000, 0, |at| if at % 50 == 0 { splat(at) } else { hidden(at) }));
-    let (expected, _) = drawn_by_splats(&scene, &camera, &[("sorted", "splats")]);
+    let mut session = images::session(scene, GPU.0, &[]);
+    let (expected, _) = drawn_by_splats(&mut session, &camera, &[("sorted", "splats")]);
     for run in 0..3 {
-        let (found, by_splats) = drawn_by_splats(&scene, &camera, &[]);
+        let (found, by_splats) = drawn_by_splats(&mut session, &camera, &[]);
         assert!(!by_splats && found == expected, "run {run}: equal depths are blended in another order");
     }
+    images::close(session, "equal depths");
 }
 
 /// Returns splats spread over a picture in many orientations, and the picture's camera.
@@ -351,13 +371,6 @@ fn pictures_whose_bins_need_more_shared_memory_than_the_device_has_are_drawn_in_
 }
 
 #[test]
-fn tiles_give_the_same_bytes_in_every_run() {
-    for graph in EXACT_TILES.into_iter().chain(FAST_TILES) {
-        assert!(drawn_bytes(graph, &[]) == drawn_bytes(graph, &[]), "{graph:?}: two runs differ");
-    }
-}
-
-#[test]
 fn tiles_are_right_on_subgroups_of_4_8_and_16() {
     let scene = Arc::new(synth::generate("demo", 3000, 0).expect("a scene"));
     let camera = synth::demo_cameras().swap_remove(0).resized(160, 90);
@@ -393,11 +406,23 @@ fn a_long_list_is_left_to_the_deep_pass_once_where_workgroups_fill_several_rows(
 }
 
 #[test]
+fn fast_tiles_give_the_same_bytes_in_every_run() {
+    let mut bench = bench();
+    for graph in FAST_TILES {
+        let mut run = || drawn_bytes(&mut bench, graph, &[]);
+        assert!(run() == run(), "{graph:?}: two runs differ");
+    }
+    images::close(bench.0, "two runs");
+}
+
+#[test]
 fn lists_without_room_grow_until_the_picture_is_whole() {
+    let mut bench = bench();
     for graph in EXACT_TILES {
-        let with = |entries| drawn_bytes(graph, &[("entries", entries)]);
+        let mut with = |entries| drawn_bytes(&mut bench, graph, &[("entries", entries)]);
         assert!(with("1000000") == with("100"), "{graph:?}: the picture depends on the room at first");
     }
+    images::close(bench.0, "lists without room");
 }
 
 /// Draws lists far longer than a segment. Faint small splats cover the whole picture at nearly equal depths, so that no
