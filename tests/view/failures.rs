@@ -71,6 +71,18 @@ fn without_a_display_the_program_says_so_and_with_one_of_two_it_takes_that() {
 }
 
 #[test]
+fn without_a_driver_the_window_says_so_rather_than_blame_the_window_system() {
+    for (file, expected) in [("/nowhere.json", "finds no driver that works in "), ("", "is set, but empty")] {
+        let hide = |command: &mut Command| {
+            command.env("VK_DRIVER_FILES", file).env("VK_ICD_FILENAMES", file);
+        };
+        let (status, errors) = Program::launch_with(100, "--frames 3", hide, |_| {}).end();
+        assert_eq!(status.code(), Some(1), "{errors}");
+        assert!(errors.contains(expected), "{errors}");
+    }
+}
+
+#[test]
 fn a_window_is_no_larger_than_the_display_and_ends_with_it() {
     let mut program = Program::launch(100, "--continuous", |_| {});
     assert!(program.window.appears(), "no window came");

@@ -112,12 +112,6 @@ impl Instance {
         let layers: &[*const c_char] = if validation == Validation::Off { &[] } else { &[LAYER.as_ptr()] };
 
         let offered = instance_extensions(entry, None)?;
-        if let Some(missing) = extensions.iter().find(|name| !offers(&offered, name)) {
-            return Err(BackendError::Unavailable(format!(
-                "no Vulkan driver here can show pictures in a window of this window system: none has {}",
-                missing.to_string_lossy()
-            )));
-        }
         let labels =
             offers(&offered, ext::debug_utils::NAME) || offers(&layer_extensions, ext::debug_utils::NAME);
         let mut names: Vec<*const c_char> = extensions.iter().map(|name| name.as_ptr()).collect();
@@ -164,8 +158,14 @@ impl Instance {
         // SAFETY: everything that `info` points to lives until the call returns; the messenger's user data lives in the
         // `Arc` that the instance keeps.
         let raw = changing_devices(|| unsafe { entry.create_instance(&info, None) });
-        let raw = raw.map_err(|answer| match answer {
-            vk::Result::ERROR_INCOMPATIBLE_DRIVER => no_driver(),
+        let missing = extensions.iter().find(|name| !offers(&offered, name));
+        let raw = raw.map_err(|answer| match (answer, missing) {
+            (vk::Result::ERROR_INCOMPATIBLE_DRIVER, _) => no_driver(),
+            // The loader returns this only if it found a driver.
+            (vk::Result::ERROR_EXTENSION_NOT_PRESENT, Some(name)) => BackendError::Unavailable(format!(
+                "no Vulkan driver here can show pictures in a window of this window system: none has {}",
+                name.to_string_lossy()
+            )),
             _ => api("vkCreateInstance")(answer),
         })?;
         let mut instance =
