@@ -6,9 +6,11 @@
 //! collisions.
 //!
 //! The linker's build id, a hash of the program's contents, identifies the build: copies of the program share shaders,
-//! and a program that differs in one byte does not. Without a build id, its size and modification time are used.
+//! and a program that differs in one byte does not. Without a build id, its version, commit, size and modification time
+//! are used. The version is there because some package managers set the same modification time for all files.
 
 use crate::io::folders;
+use crate::io::program::VERSION;
 use crate::io::report::text;
 use splatgraph_assets::file;
 use splatgraph_framework::shader::SpirvStore;
@@ -117,7 +119,7 @@ fn is_off(value: &OsStr) -> bool {
     ["off", "0", "no", "false"].iter().any(|off| value.eq_ignore_ascii_case(off))
 }
 
-/// Returns the identity of a program's build: its build id or, without one, its size and modification time.
+/// Returns the identity of a program's build: its build id or, without one, its version, size and modification time.
 fn build(program: &Path) -> io::Result<Vec<u8>> {
     let program = file::open(program)?;
     let mut head = Vec::new();
@@ -126,7 +128,7 @@ fn build(program: &Path) -> io::Result<Vec<u8>> {
         return Ok(id.to_vec());
     }
     let data = program.metadata()?;
-    Ok(format!("{} {:?}", data.len(), data.modified()?).into_bytes())
+    Ok(format!("{VERSION} {} {:?}", data.len(), data.modified()?).into_bytes())
 }
 
 /// Finds the GNU build id in the first bytes of an ELF file. It is a note with the name `GNU` and the type 3. `None` if
@@ -206,6 +208,7 @@ mod tests {
         assert_ne!(identity(&with(b"id 2"), 1), identity(&with(b"id 1"), 1));
         // Without a build id, or with one that the file's end cuts off.
         for head in [&b"code"[..], b"\x7fELF\x03\0\0\0GNU\0", b"\x7fELF\x14\0\0\0\x03\0\0\0GNU\0cut"] {
+            assert!(identity(head, 1).starts_with(VERSION.as_bytes()), "the commit may be all that differs");
             assert_ne!(identity(head, 1), identity(head, 2));
             assert_ne!(identity(head, 1), identity(&[head, b"more"].concat(), 1));
         }
