@@ -238,9 +238,16 @@ fn every_command_has_completions_and_a_manual_page() {
         place.done("man pages");
         for command in &commands {
             let page = place.text(&format!("pages/splatgraph-{command}.1"));
-            assert!(page.contains(&format!("splatgraph {command}")) && page.contains("Examples:"), "{page}");
+            // Examples are not filled, so a command stays on its line.
+            for part in [&*format!("\n\\fBsplatgraph {command}\\fR "), "\n.SH EXAMPLES\n.EX\n  splatgraph "] {
+                assert!(page.contains(part), "{command}: no {part:?}: {page}");
+            }
+            assert!(!page.contains("EXTRA"), "{page}");
         }
         let page = place.text("pages/splatgraph.1");
+        for heading in ["\"EXIT STATUS\"", "ENVIRONMENT"] {
+            assert!(page.contains(&format!("\n.SH {heading}\n.EX\n  ")), "no {heading}: {page}");
+        }
         assert!(page.contains("splatgraph\\-render(1)"), "{page}");
         let rows = include_str!("../README.md").split_once("| environment variable | effect |\n|---|---|\n");
         let rows = rows.expect("a table").1.lines().map_while(|line| line.strip_prefix("| `"));
