@@ -258,6 +258,9 @@ fn every_command_has_completions_and_a_manual_page() {
         );
     }
     place.fails("man pages/splatgraph.1", 2);
+    let errors = place.fails("man -", 2);
+    assert!(errors.contains("expected a folder for the pages, found `-`"), "{errors}");
+    assert!(!place.at("-").exists());
 }
 
 #[test]

@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::Command;
 use clap_mangen::Man;
 use clap_mangen::roff::{Roff, roman};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Write the help of all commands as manual pages
 ///
@@ -22,6 +22,9 @@ pub struct Args {
 
 /// Runs the command. `program` defines the program's command line.
 pub fn run(args: &Args, program: Command) -> Result<Outcome> {
+    if args.folder == Path::new("-") {
+        return Err(Usage("expected a folder for the pages, found `-`".into()).into());
+    }
     let mut program = program.disable_help_subcommand(true);
     program.build();
     let mut pages = Vec::new();
