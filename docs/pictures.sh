@@ -31,8 +31,6 @@ shoot view-digits-11 1280x800 --set digit_bits=11 --show parameters,timeline
 shoot view-barrier 1280x800 --select barrier:8 --show inspector,timeline
 shoot view-pick 1280x800 --pick 0.5,0.3 --show inspector,hud
 pipeline=auto shoot view-select 1280x800 --select-box 0.41,0.43,0.49,0.64 --show hud
-shoot view-small 500x400
-WINIT_X11_SCALE_FACTOR=2 shoot view-hidpi 2560x1440
 
 folder=$(mktemp -d)
 trap 'rm -rf -- "$folder"' EXIT
