@@ -183,12 +183,13 @@ impl Shell {
     }
 
     /// Opens dropped files, applies the input, and draws the pictures and the window if they changed.
-    pub fn frame(&mut self, input: RawInput, request: FrameRequest) -> Frame {
+    pub fn frame(&mut self, mut input: RawInput, request: FrameRequest) -> Frame {
         zone!("window frame");
         let begun = Instant::now();
         for file in &input.dropped_files {
             self.viewer.open_in(self.panels.selected, file.path());
         }
+        self.panels.prepare(&mut input);
         self.collect_all();
         self.seen = self.changes();
         let before = self.viewer.navigation.camera(1, 1);

@@ -3,6 +3,7 @@
 
 use super::theme::ROW;
 use egui::{Context, Event, Id, Key, Modifiers, Popup, Vec2, WidgetRect, vec2};
+use std::collections::HashMap;
 
 /// A key press that reached the viewer.
 #[derive(Clone, Copy, Debug)]
@@ -19,6 +20,8 @@ pub struct Press {
 /// while no control has the focus and no list or menu is open. An Escape that takes the focus from a control does not.
 #[derive(Default)]
 pub struct Keyboard {
+    /// Names of the keys that are down, by physical key: those of their presses.
+    names: HashMap<Key, Key>,
     /// Presses in this frame, in order.
     pressed: Vec<Press>,
     /// Held keys, with the modifiers of their presses. Empty while a control or a list takes the keys.
@@ -36,6 +39,26 @@ pub struct Keyboard {
 }
 
 impl Keyboard {
+    /// Renames keys so that the repeats and the release of a key have the name of its press. Must be called with all
+    /// input, before egui gets it.
+    ///
+    /// The window system names a key by the modifiers that are held: a `+` whose Shift is released first is released as
+    /// `=`, and egui would take `+` for held from then on.
+    pub fn rename(&mut self, events: &mut [Event]) {
+        for event in events {
+            match event {
+                Event::Key { key, physical_key: Some(physical), pressed: true, .. } => {
+                    *key = *self.names.entry(*physical).or_insert(*key);
+                }
+                Event::Key { key, physical_key: Some(physical), .. } => {
+                    *key = self.names.remove(physical).unwrap_or(*key);
+                }
+                Event::WindowFocused(false) => self.names.clear(),
+                _ => {}
+            }
+        }
+    }
+
     /// Reads the keys of this frame, before any control. While the list of keys is shown (`help`), keys that scroll
     /// belong to it.
     pub fn read(&mut self, ctx: &Context, help: bool) {

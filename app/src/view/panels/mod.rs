@@ -38,7 +38,7 @@ use super::wheel::Wheel;
 use crate::draw::select::{Reach, Region};
 use crate::draw::stats::median;
 use controls::see;
-use egui::{Align2, CentralPanel, Context, Panel, Rect, Ui};
+use egui::{Align2, CentralPanel, Context, Panel, RawInput, Rect, Ui};
 use keyboard::Keyboard;
 use layout::Layout;
 use presets::Presets;
@@ -284,6 +284,11 @@ impl Panels {
     /// Returns the item that is selected in all tools; `None` if none is.
     pub fn selection(&self) -> Option<&Selection> {
         self.selection.as_ref()
+    }
+
+    /// Prepares the input of a frame for egui; see [`Keyboard::rename`].
+    pub fn prepare(&mut self, input: &mut RawInput) {
+        self.keyboard.rename(&mut input.events);
     }
 
     /// Draws the panels and applies the user's input to the viewer. `window` has the times of the window's graph;

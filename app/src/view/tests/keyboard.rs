@@ -267,6 +267,31 @@ fn a_key_that_was_pressed_with_ctrl_moves_no_camera_after_ctrl_is_released() {
 }
 
 #[test]
+fn a_plus_ends_with_its_release_though_shift_was_released_before() {
+    let mut script = window(&[]);
+    let event = |key, pressed, modifiers| {
+        let physical_key = Some(Key::Equals);
+        vec![egui::Event::Key { key, physical_key, pressed, repeat: false, modifiers }]
+    };
+    // A key that seems to be held would not act at its next press.
+    for round in ["first", "second"] {
+        let before = camera(&mut script);
+        script.input = event(Key::Plus, true, Modifiers::SHIFT);
+        (0..5).for_each(|_| drop(script.frame(false)));
+        // The system repeats the held key.
+        for pressed in [true, false] {
+            script.input = event(Key::Equals, pressed, Modifiers::NONE);
+            script.frame(false);
+        }
+        let after = camera(&mut script);
+        assert_ne!(before, after, "{round}");
+        (0..5).for_each(|_| drop(script.frame(false)));
+        assert_eq!(camera(&mut script), after, "{round}");
+    }
+    script.close(&[]);
+}
+
+#[test]
 fn shortcuts_with_ctrl_and_function_keys_act_while_a_control_has_the_focus() {
     let mut script = window(&[Tool::Parameters]);
     let undo = Modifiers::CTRL | Modifiers::COMMAND;
