@@ -3,7 +3,7 @@
 use super::controls::see;
 use super::keyboard::moved;
 use super::theme::{self, GRID};
-use egui::{Align2, Context, Key, RichText, Ui, vec2};
+use egui::{Align2, Context, Key, Order, RichText, Ui, vec2};
 
 /// A subject with its keys and their effects.
 type Subject = (&'static str, &'static [(&'static str, &'static str)]);
@@ -74,6 +74,8 @@ pub fn show(ctx: &Context, open: &mut bool, scrolling: &[Key]) {
         .open(open)
         .resizable(false)
         .collapsible(false)
+        // Among the cards over the picture, the one that appeared last is on top.
+        .order(Order::Foreground)
         .pivot(Align2::CENTER_CENTER)
         .default_pos(window.center())
         .show(ctx, |ui| {

@@ -244,6 +244,24 @@ fn the_list_of_keys_uses_the_window_scrolls_by_keys_and_closes_with_escape() {
 }
 
 #[test]
+fn the_list_of_keys_opens_over_errors_and_messages() {
+    let mut script = window(&[]);
+    script.write("graph.ron", GRAPH.replace("shade.comp", "shad.comp").replace("key.comp", "kei.comp"));
+    script.until("the errors", |script| script.find("mistakes").is_some());
+    script.panels().log_event(&Event::Problem { text: "a problem ".repeat(60) });
+    (0..3).for_each(|_| drop(script.frame(false)));
+    script.press(Key::F1, Modifiers::NONE);
+    (0..10).for_each(|_| drop(script.frame(false)));
+    let list = script.find("keys").expect("the list");
+    for name in ["mistakes", "toast"] {
+        let both = script.find(name).expect("it is shown").intersect(list);
+        assert!(both.is_positive(), "{name}");
+        let top = script.shell.context().layer_id_at(both.center()).expect("a layer");
+        assert_eq!(top.id, egui::Id::unique(Some("Keys and mouse")), "{name}");
+    }
+}
+
+#[test]
 fn a_wide_window_shows_all_keys_at_once() {
     let mut script = window(&[]);
     script.press(Key::F1, Modifiers::NONE);
