@@ -30,7 +30,7 @@ const SHADE: Color32 = Color32::from_black_alpha(200);
 
 struct Toast {
     number: u64,
-    /// Kind of message of which only the newest is shown; empty for all others.
+    /// Kind of message that a later event removes, often to show only the newest; empty for all others.
     topic: &'static str,
     text: String,
     /// True for the message of a failure.
@@ -57,11 +57,28 @@ impl Toasts {
         self.add(COPIED, "Copied to the clipboard".to_owned(), false, STAY);
     }
 
+    /// Removes the toasts about dropped and restored settings of a renderer: it has another graph, or other settings.
+    pub fn forget_settings(&mut self, renderer: RendererId) {
+        self.forget(settings_of(renderer));
+    }
+
+    fn forget(&mut self, topic: &str) {
+        self.shown.retain(|toast| toast.topic != topic);
+    }
+
     /// Adds a toast for the time `stay`. It replaces earlier ones with the same text or, unless empty, the same topic.
-    /// Drops the oldest toast if there are more than [`MAX_TOASTS`].
     fn add(&mut self, topic: &'static str, text: String, failed: bool, stay: Duration) {
+        if !topic.is_empty() {
+            self.forget(topic);
+        }
+        self.push(topic, text, failed, stay);
+    }
+
+    /// Adds a toast, which replaces one with the same text. Drops the oldest toast if there are more than
+    /// [`MAX_TOASTS`].
+    fn push(&mut self, topic: &'static str, text: String, failed: bool, stay: Duration) {
         self.count += 1;
-        self.shown.retain(|toast| toast.text != text && (topic.is_empty() || toast.topic != topic));
+        self.shown.retain(|toast| toast.text != text);
         if self.shown.len() == MAX_TOASTS {
             self.shown.remove(0);
         }
@@ -94,7 +111,7 @@ impl Toasts {
             // Follows the event of the load.
             Event::SceneNotes { .. } => self.add(SCENE, event.to_string(), false, STAY_LONG),
             // The card of errors shows it.
-            Event::SceneFailed { stays: true, .. } => self.shown.retain(|toast| toast.topic != SCENE),
+            Event::SceneFailed { stays: true, .. } => self.forget(SCENE),
             Event::Cameras { .. }
             | Event::Saved { .. }
             | Event::Exported { .. }
@@ -102,14 +119,23 @@ impl Toasts {
             | Event::DeviceOpened { .. } => {
                 self.done(event.to_string());
             }
-            Event::Dropped { .. } | Event::Restored { .. } => {
-                self.add("", event.to_string(), false, STAY_LONG)
+            // A graph may drop settings for more than one reason.
+            Event::Dropped { renderer, .. } => {
+                self.push(settings_of(*renderer), event.to_string(), false, STAY_LONG);
+            }
+            Event::Restored { renderer, .. } => {
+                self.add(settings_of(*renderer), event.to_string(), false, STAY_LONG);
             }
             Event::SceneFailed { .. } | Event::FileFailed { .. } | Event::Problem { .. } => {
                 self.add("", event.to_string(), true, STAY_LONG);
             }
             _ => {}
         }
+    }
+
+    #[cfg(test)]
+    pub fn texts(&self) -> Vec<&str> {
+        self.shown.iter().map(|toast| toast.text.as_str()).collect()
     }
 
     /// Draws the toasts at the top right of the picture, and removes expired and dismissed ones. Unless `all`, removes
@@ -150,6 +176,15 @@ impl Toasts {
             see(ctx, "toast", shown.response.rect);
         }
         self.shown.retain(|toast| Some(toast.number) != dismissed);
+    }
+}
+
+/// Returns the topic of toasts about dropped and restored settings.
+fn settings_of(renderer: RendererId) -> &'static str {
+    match renderer {
+        RendererId::A => "settings of A",
+        RendererId::B => "settings of B",
+        RendererId::Window => "settings of the window",
     }
 }
 
@@ -363,15 +398,35 @@ mod tests {
             toasts.tell(&Event::Swapped { renderer: RendererId::A, swap });
             toasts.tell(&Event::Scene { path: "a.ply".into(), splats: round as u32, load_ms: 1.0 });
         }
-        let texts: Vec<&str> = toasts.shown.iter().map(|toast| toast.text.as_str()).collect();
-        assert_eq!(texts, ["grey is now 0.8", "mine.ron: 2.00 ms, 5 passes", "a.ply: 5 splats in 1 ms"]);
+        assert_eq!(
+            toasts.texts(),
+            ["grey is now 0.8", "mine.ron: 2.00 ms, 5 passes", "a.ply: 5 splats in 1 ms"]
+        );
         let failed = |stays| Event::SceneFailed { path: "a.ply".into(), error: "it is half".into(), stays };
         toasts.tell(&failed(false));
         assert_eq!(toasts.shown[3].text, "a.ply: it is half");
         toasts.tell(&failed(true));
-        let texts: Vec<&str> = toasts.shown.iter().map(|toast| toast.text.as_str()).collect();
         let expected = ["grey is now 0.8", "mine.ron: 2.00 ms, 5 passes", "a.ply: it is half"];
-        assert_eq!(texts, expected, "the card of errors shows the last one");
+        assert_eq!(toasts.texts(), expected, "the card of errors shows the last one");
+    }
+
+    #[test]
+    fn a_dropped_setting_is_no_longer_shown_once_it_is_restored_or_the_graph_is_another() {
+        let mut toasts = Toasts::default();
+        let dropped = |renderer, text: &str| {
+            let (parameters, text) = (vec!["tint".to_owned()], text.to_owned());
+            Event::Dropped { renderer, parameters, text }
+        };
+        let (a, b) = (RendererId::A, RendererId::B);
+        for event in [dropped(b, "gone"), dropped(a, "gone"), dropped(a, "set by the preset")] {
+            toasts.tell(&event);
+        }
+        assert_eq!(toasts.texts(), ["B: gone", "A: gone", "A: set by the preset"]);
+        let (parameters, text) = (vec!["tint".to_owned()], "tint is 0.9 again".to_owned());
+        toasts.tell(&Event::Restored { renderer: a, parameters, text });
+        assert_eq!(toasts.texts(), ["B: gone", "A: tint is 0.9 again"]);
+        toasts.forget_settings(b);
+        assert_eq!(toasts.texts(), ["A: tint is 0.9 again"]);
     }
 
     #[test]

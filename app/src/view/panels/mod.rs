@@ -126,6 +126,8 @@ pub struct Panels {
     notice: Option<String>,
     errors: errors::State,
     toasts: hud::Toasts,
+    /// Graphs of A and B in the last frame.
+    graphs: [Option<String>; 2],
     log: VecDeque<String>,
     undo: undo::History,
     /// True if the program itself may have changed settings since the last frame. It then dropped or restored
@@ -281,6 +283,11 @@ impl Panels {
         self.undo.steps()
     }
 
+    #[cfg(test)]
+    pub(in crate::view) fn toasts(&self) -> Vec<&str> {
+        self.toasts.texts()
+    }
+
     /// Returns the item that is selected in all tools; `None` if none is.
     pub fn selection(&self) -> Option<&Selection> {
         self.selection.as_ref()
@@ -323,6 +330,7 @@ impl Panels {
         if !self.hidden {
             self.floating(ui, viewer, window, area);
         }
+        self.forget_settings(viewer);
         self.over_picture(ui.ctx(), viewer, window_failure, view);
         help::show(ui.ctx(), &mut self.help, self.keyboard.scrolling());
         self.controls = controls::take(ui.ctx());
@@ -337,6 +345,18 @@ impl Panels {
             ui.set_zoom_factor(LEAST_ZOOM);
         }
         PanelOutput { view, commands: std::mem::take(&mut self.controls.commands) }
+    }
+
+    /// Removes messages about settings that another graph dropped. Must be called after all controls, but before events
+    /// of this frame are shown.
+    fn forget_settings(&mut self, viewer: &mut Viewer) {
+        for (id, former) in [RendererId::A, RendererId::B].into_iter().zip(&mut self.graphs) {
+            let graph = viewer.viewport(id).map(|viewport| viewport.renderer.graph());
+            if former.as_deref() != graph {
+                *former = graph.map(str::to_owned);
+                self.toasts.forget_settings(id);
+            }
+        }
     }
 
     fn over_picture(&mut self, ctx: &Context, viewer: &mut Viewer, window_failure: Option<&str>, view: Rect) {

@@ -592,7 +592,7 @@ impl Renderer {
             self.choice.set.extract_if(.., |name, text| !fits(name, text)).collect();
         if !dropped.is_empty() {
             let reason = |(name, text): (&String, &String)| match control(name) {
-                None => format!("this graph has no parameter {name}"),
+                None => format!("this graph has no parameter {name}, which was {text}"),
                 Some(Control { param, .. }) => {
                     format!("{name} is now {}: expected {}, found {text}", param.value, param.domain)
                 }

@@ -225,7 +225,10 @@ fn a_setting_that_an_edit_excludes_is_dropped_with_the_reason_once_the_graph_bui
     assert_eq!(script.panels().undo_steps(), 1);
     assert_eq!(save(&mut script, "digits", "digits"), ["A: digits is 5 again"]);
     assert_eq!(digits(&mut script), ("5".to_owned(), Some("5".to_owned())));
-    assert_eq!(save(&mut script, "digits", "figures"), ["A: this graph has no parameter digits"]);
+    assert_eq!(
+        save(&mut script, "digits", "figures"),
+        ["A: this graph has no parameter digits, which was 5"]
+    );
     assert_eq!(script.viewer().a.renderer.set()["shade"], "0.25", "other settings stay");
     // A later mistake in a declaration is reported alone.
     assert!(

@@ -288,7 +288,7 @@ fn another_graph_keeps_the_settings_that_it_has_and_reports_the_others() {
     script.write("other.ron", other);
     script.write("preset.ron", r#"Preset(graph: "graph.ron", summary: "five", set: { "digits": 5 })"#);
     for (name, reason) in
-        [("other.ron", "this graph has no parameter digits"), ("preset.ron", "sets it itself")]
+        [("other.ron", "this graph has no parameter digits, which was 6"), ("preset.ron", "sets it itself")]
     {
         let renderer = &mut script.viewer().a.renderer;
         renderer.set_param("digits", Some(Value::Int(6)));
@@ -310,7 +310,9 @@ fn another_graph_keeps_the_settings_that_it_has_and_reports_the_others() {
         let text = script.events.iter().find(|event| matches!(event, Event::Dropped { .. }));
         let text = text.expect("the dropped setting is reported").to_string();
         assert!(text.contains(reason), "{text}");
+        assert!(script.panels().toasts().contains(&text.as_str()), "{text}");
         script.press(Key::Z, Modifiers::COMMAND);
+        assert!(!script.panels().toasts().contains(&text.as_str()), "another graph has other reasons");
         script.settle();
         let renderer = &script.viewer().a.renderer;
         assert!(renderer.graph().ends_with("graph.ron"));
