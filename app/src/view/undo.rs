@@ -101,7 +101,7 @@ impl Settings {
         }
     }
 
-    /// Describes the difference from other settings, such as `digit_bits`, `graph splat` or `5 settings`; empty without
+    /// Describes a change to other settings, such as `digit_bits`, `graph splat → tiled` or `5 settings`; empty without
     /// one.
     fn difference(&self, other: &Settings) -> String {
         let mut parts: Vec<String> = Vec::new();
@@ -123,7 +123,7 @@ impl Settings {
         for (a, b) in [(Some(&self.a), Some(&other.a)), (self.b.as_ref(), other.b.as_ref())] {
             let (Some(a), Some(b)) = (a, b) else { continue };
             if a.graph != b.graph {
-                parts.push(format!("graph {}", a.graph));
+                parts.push(format!("graph {} → {}", a.graph, b.graph));
                 continue;
             }
             let names = a.set.keys().chain(b.set.keys().filter(|name| !a.set.contains_key(*name)));
@@ -219,7 +219,7 @@ fn go(
         to.apply(viewer);
         // Settings that could not be applied, such as B without a device, must not appear as a new step.
         let reached = Settings::of(viewer);
-        let text = reached.difference(&former);
+        let text = former.difference(&reached);
         *now = Some(reached);
         if !text.is_empty() {
             back.push(former);
@@ -255,7 +255,7 @@ mod tests {
     fn a_step_names_what_it_changed() {
         let (plain, narrow) = (settings("splat", &[]), settings("splat", &[("digit_bits", "4")]));
         assert_eq!(plain.difference(&narrow), "digit_bits");
-        assert_eq!(settings("tiled", &[]).difference(&narrow), "graph tiled");
+        assert_eq!(settings("tiled", &[]).difference(&narrow), "graph tiled → splat");
     }
 
     #[test]
