@@ -1,17 +1,21 @@
 //! Lists the selectable graphs: the built-in graphs, files that were used in this window, and files in folders. The
 //! folders are those where `-p` and the current graph look for graphs.
 
+use super::theme;
 use super::widgets::{self, Control as _};
 use crate::draw::builtin;
 use crate::view::renderer::Renderer;
-use egui::{RichText, Ui};
+use egui::{FontId, RichText, Ui};
 use splatgraph_framework::source::canonical;
+use std::collections::HashMap;
 use std::ffi::OsString;
 use std::fs;
 use std::path::Path;
 
 /// Maximum number of `.ron` files of a folder that are looked at.
 const MAX_LISTED: usize = 1000;
+/// Maximum width of a graph's name in the list, in points.
+const MAX_WIDTH: f32 = 320.0;
 /// Maximum size of a file that may be a graph, in bytes.
 const MAX_BYTES: u64 = 1 << 20;
 
@@ -53,18 +57,20 @@ impl Presets {
             widgets::rank(wanted, &[graph, &file_name(graph)], summary)
         };
         let is_current = |Entry { graph, .. }: &&Entry| graph == renderer.graph();
+        let entries = self.entries.iter().chain(&self.found);
+        let names = names(entries.clone().map(|entry| entry.graph.as_str()));
+        let font = FontId::new(theme::TEXT, theme::strong());
         let row = |ui: &mut Ui, Entry { graph, summary }: &&Entry| {
-            // Show only the last component: the tooltip has the whole path.
-            let name = Path::new(graph).file_name().unwrap_or_default().to_string_lossy();
+            // The tooltip has the whole path.
+            let name = widgets::ending(ui, &font, ["", &names[graph.as_str()], ""], MAX_WIDTH);
             let label = ui.horizontal(|ui| {
-                let name = RichText::new(name).family(super::theme::strong());
+                let name = RichText::new(name).family(theme::strong());
                 let response = ui.selectable_label(graph == renderer.graph(), name);
                 ui.add(egui::Label::new(RichText::new(summary).weak()).truncate());
                 response
             });
             (format!("preset:{graph}"), label.inner.hint(format!("{graph}\n{summary}")))
         };
-        let entries = self.entries.iter().chain(&self.found);
         let chosen =
             widgets::list(ui, (&mut self.search, "graph_search", true), entries, rank, is_current, row)?;
         Some(chosen.graph.clone())
@@ -128,6 +134,21 @@ impl Presets {
     }
 }
 
+/// Returns the name of each graph in the list. It is the last component of the path, or the whole path if another graph
+/// has the same last component.
+fn names<'a>(graphs: impl Iterator<Item = &'a str>) -> HashMap<&'a str, String> {
+    let mut equal: HashMap<String, Vec<&str>> = HashMap::new();
+    for graph in graphs {
+        let name = Path::new(graph).file_name().unwrap_or_default().to_string_lossy();
+        equal.entry(name.into_owned()).or_default().push(graph);
+    }
+    let named = |(name, graphs): (String, Vec<&'a str>)| match graphs[..] {
+        [graph] => vec![(graph, name)],
+        _ => graphs.into_iter().map(|graph| (graph, graph.to_owned())).collect(),
+    };
+    equal.into_iter().flat_map(named).collect()
+}
+
 /// Returns the last component of a path, without its extension.
 pub fn file_name(graph: &str) -> String {
     Path::new(graph).file_stem().map_or_else(|| graph.to_owned(), |stem| stem.to_string_lossy().into_owned())
@@ -136,6 +157,13 @@ pub fn file_name(graph: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn graphs_of_the_same_file_name_are_listed_with_their_folders() {
+        let graphs = ["splat", "a.ron", "pipelines/a.ron", "/home/me/b.ron"];
+        let names = names(graphs.into_iter());
+        assert_eq!(graphs.map(|graph| names[graph].as_str()), ["splat", "a.ron", "pipelines/a.ron", "b.ron"]);
+    }
 
     #[test]
     fn graphs_in_the_folders_of_names_and_beside_the_current_graph_are_listed() {
