@@ -73,7 +73,6 @@ fn parsed(ansi: &str) -> Vec<Line> {
 /// Cuts the starts of source lines in an error, so that the notes below each end within `columns`. At least a few
 /// characters stay before the first caret.
 fn narrow(lines: &mut [Line], columns: usize) {
-    let has_number = |line: &[(char, Color32)]| line.iter().any(|(c, _)| c.is_ascii_digit());
     let mut at = 0;
     while at < lines.len() {
         let first = at;
@@ -99,16 +98,19 @@ fn narrow(lines: &mut [Line], columns: usize) {
     }
 }
 
-/// Breaks a long line at spaces, unless it is a source line or a note below one. Continuation lines are indented.
+/// Breaks a long line at spaces, unless it is a source line. Continuation lines are indented, after the bar of a note
+/// below a source line.
 fn wrapped(line: Line, columns: usize) -> Vec<Line> {
-    if line.len() <= columns || gutter(&line).is_some() {
+    let start = gutter(&line).map_or(0, |bar| bar + 1);
+    if line.len() <= columns || has_number(&line[..start]) {
         return vec![line];
     }
+    let indent = [&line[..start], &[(' ', PLAIN); 4]].concat();
     let (mut lines, mut last) = (Vec::new(), Line::new());
     // Index of the last space outside the indent.
     let mut space = None;
     for (c, colour) in line {
-        if c == ' ' && last.iter().any(|(c, _)| *c != ' ') {
+        if c == ' ' && last.iter().skip(start).any(|(c, _)| *c != ' ') {
             space = Some(last.len());
         }
         last.push((c, colour));
@@ -117,12 +119,16 @@ fn wrapped(line: Line, columns: usize) -> Vec<Line> {
         {
             let rest = last.split_off(at + 1);
             last.truncate(at);
-            lines.push(std::mem::replace(&mut last, vec![(' ', PLAIN); 4]));
+            lines.push(std::mem::replace(&mut last, indent.clone()));
             last.extend(rest);
         }
     }
     lines.push(last);
     lines
+}
+
+fn has_number(line: &[(char, Color32)]) -> bool {
+    line.iter().any(|(c, _)| c.is_ascii_digit())
 }
 
 /// Returns the column of `|` after a line number or after spaces; `None` for lines of other text.
@@ -192,7 +198,7 @@ mod tests {
         assert_eq!(lines[3], "  |             ^ not declared");
         assert_eq!((lines[0], lines[4]), ("error: no `y`", "8 | z"));
         let narrower = laid_out(&text, 10);
-        assert!(narrower.contains("\n  |          ^ not declared\n"), "{narrower}");
+        assert!(narrower.contains("\n  |          ^\n  |    not\n"), "{narrower}");
         assert_eq!(laid_out(&text, 200), plain(&text), "it fits");
     }
 
@@ -204,6 +210,13 @@ mod tests {
         let expected = format!("error: the image\n    is larger than\n    this\n --> a.ron:1:1\n{source}");
         assert_eq!(laid_out(&text, 18), expected);
         assert_eq!(laid_out("unbreakable", 3), "unbreakable");
+    }
+
+    #[test]
+    fn a_long_note_below_a_source_line_goes_on_behind_the_bar() {
+        let text = "7 | grey(1)\n  | ^^^^ not declared in this shader or in its includes\n  |\n8 | z";
+        let note = "  | ^^^^ not declared\n  |    in this shader\n  |    or in its\n  |    includes\n  |";
+        assert_eq!(laid_out(text, 22), format!("7 | grey(1)\n{note}\n8 | z"));
     }
 
     #[test]
