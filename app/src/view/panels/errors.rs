@@ -68,34 +68,41 @@ impl State {
             let shown = frame.show(ui, |ui| {
                 // The window may be too small even for the card's margins.
                 ui.set_max_width((view.width() - 28.0).max(0.0));
-                ui.horizontal_wrapped(|ui| {
-                    let colour = egui::Color32::from_rgb(255, 190, 190);
-                    ui.label(RichText::new(heading).family(strong()).size(HEADING).color(colour));
-                    if ui.button("Copy").clicked() {
-                        ui.copy_text(plain.join("\n"));
-                    }
-                    if let Some(origin) = &place {
-                        let edit =
-                            ui.button(format!("Edit {}:{}", origin.file, origin.line)).named("mistakes:edit");
-                        if edit.clicked() {
-                            request(ui.ctx(), Command::Edit(origin.clone()));
+                let whole = (view.height() - 20.0).max(0.0);
+                let card = egui::ScrollArea::vertical().max_height(whole).min_scrolled_height(whole);
+                card.show(ui, |ui| {
+                    ui.horizontal_wrapped(|ui| {
+                        let colour = egui::Color32::from_rgb(255, 190, 190);
+                        ui.label(RichText::new(heading).family(strong()).size(HEADING).color(colour));
+                        if ui.button("Copy").clicked() {
+                            ui.copy_text(plain.join("\n"));
                         }
-                    }
-                    let button = ui.button("Close").named("mistakes:close");
-                    close = button.clicked();
-                });
-                let glyph = ui.fonts_mut(|fonts| fonts.glyph_width(&FontId::monospace(TEXT), ' ')).max(1.0);
-                let columns = ((ui.max_rect().width() / glyph) as usize).max(8);
-                // The buttons stay in view in a small window.
-                let room = view.height() - ui.min_rect().height() - 32.0;
-                let height = (0.6 * view.height()).min(room).max(40.0);
-                let scroll = egui::ScrollArea::both().max_height(height).min_scrolled_height(height);
-                scroll.show(ui, |ui| {
-                    for text in &texts {
-                        let text = failures::layout(text, columns, TEXT);
-                        ui.add(egui::Label::new(text).extend().selectable(true)).named("mistakes:text");
-                        ui.add_space(6.0);
-                    }
+                        if let Some(origin) = &place {
+                            let edit = ui
+                                .button(format!("Edit {}:{}", origin.file, origin.line))
+                                .named("mistakes:edit");
+                            if edit.clicked() {
+                                request(ui.ctx(), Command::Edit(origin.clone()));
+                            }
+                        }
+                        let button = ui.button("Close").named("mistakes:close");
+                        close = button.clicked();
+                    });
+                    let glyph =
+                        ui.fonts_mut(|fonts| fonts.glyph_width(&FontId::monospace(TEXT), ' ')).max(1.0);
+                    let columns = ((ui.max_rect().width() / glyph) as usize).max(8);
+                    // The buttons stay in view in a small window. In a tiny one, the whole card scrolls.
+                    let room = view.height() - ui.min_rect().height() - 32.0;
+                    let height = (0.6 * view.height()).min(room).max(40.0);
+                    let scroll = egui::ScrollArea::both().max_height(height).min_scrolled_height(height);
+                    scroll.show(ui, |ui| {
+                        for text in &texts {
+                            let text = failures::layout(text, columns, TEXT);
+                            ui.add(egui::Label::new(text).extend().selectable(true)).named("mistakes:text");
+                            ui.add_space(6.0);
+                        }
+                        follow_focus(ui);
+                    });
                     follow_focus(ui);
                 });
             });

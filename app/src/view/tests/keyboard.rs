@@ -215,6 +215,24 @@ fn page_keys_scroll_the_tool_or_the_card_that_has_the_keys() {
 }
 
 #[test]
+fn the_buttons_of_an_error_can_be_seen_in_a_tiny_window() {
+    let mut script = window(&[]);
+    script.resize((320, 200));
+    script.write("graph.ron", GRAPH.replace("shade.comp", "shad.comp").replace("key.comp", "kei.comp"));
+    script.until("the errors", |script| script.find("mistakes:text").is_some());
+    (0..3).for_each(|_| drop(script.frame(false)));
+    let [view, card] = ["view", "mistakes"].map(|name| script.find(name).expect("it is shown"));
+    assert!(view.expand(1.0).contains_rect(card), "{card} in {view}");
+    for name in ["mistakes:edit", "mistakes:close"] {
+        tab_to(&mut script, name);
+        (0..30).for_each(|_| drop(script.frame(false)));
+        let button = focused(&script).expect("the button");
+        assert!(button.interact_rect.height() > 0.9 * button.rect.height(), "{name}: {button:?}");
+        assert!(view.contains_rect(button.interact_rect), "{name}: {button:?} in {view}");
+    }
+}
+
+#[test]
 fn the_list_of_keys_uses_the_window_scrolls_by_keys_and_closes_with_escape() {
     let mut script = window(&[]);
     script.resize((900, 500));
