@@ -79,7 +79,13 @@ impl Sources {
                     None => Some(first_line(&text)),
                 };
                 if let Some(place) = place {
-                    let error = error("the shader is not declared to be GLSL 4.60", place, "");
+                    let is_empty = text.trim().is_empty();
+                    let message = if is_empty {
+                        "the file is empty"
+                    } else {
+                        "the shader is not declared to be GLSL 4.60"
+                    };
+                    let error = error(message, place, "");
                     return Err(vec![error.with_help("its first line should be `#version 460`")]);
                 }
             }
