@@ -132,7 +132,7 @@ fn a_graph_that_includes_itself_is_the_error_whatever_asks_for_its_parameters() 
     for line in ["params", "params auto", "render --size 32x18 -o a.png --set grey=1"] {
         let errors = place.fails(line, 1);
         assert!(
-            errors.contains("these graphs include each other")
+            errors.contains("this graph includes itself")
                 && errors
                     .contains("auto.ron takes precedence over the built-in `auto`: give it another name"),
             "{line}: {errors}"
