@@ -73,7 +73,8 @@ pub struct Args {
     /// Frames of the first camera before the path, for graphs that average frames
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=10_000))]
     warm_up: u32,
-    #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, help = RULE_HELP, long_help = rule_help(RULE_HELP))]
+    #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting)]
+    #[arg(help = RULE_HELP, long_help = rule_help(RULE_HELP))]
     rule: Vec<(String, String)>,
     /// Size of the pictures [default: the cameras', at most 480 pixels wide]
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
@@ -137,7 +138,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let rows: Vec<_> =
             rows.map(|(summary, track)| json!({ "summary": summary, "track": track })).collect();
         let command = options::command_line();
-        let all = json!({ "command": command, "origin": origin, "rules": args.rule, "variants": rows, "notes": report::NOTES });
+        let all = json!({
+            "command": command, "origin": origin, "rules": args.rule, "variants": rows, "notes": report::NOTES,
+        });
         options::write_json(file, &all)?;
     }
     if let Some(folder) = &args.output {

@@ -72,7 +72,8 @@ pub struct Args {
     #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()))]
     #[arg(value_parser = Listed(renderers, renderer), hide_possible_values = true)]
     pub(super) backend: Renderer,
-    #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, help = RULE_HELP, long_help = options::rule_help(RULE_HELP))]
+    #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting)]
+    #[arg(help = RULE_HELP, long_help = options::rule_help(RULE_HELP))]
     pub(super) rule: Vec<(String, String)>,
     /// Print statistics as JSON, one entry per camera, or write them to FILE
     ///
