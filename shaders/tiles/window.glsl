@@ -50,9 +50,9 @@ Window empty_window() {
     return w;
 }
 
-// Adds a splat to the window, and replaces it by the nearest one. Of equally deep splats, the first one added is the nearest.
+// Inserts a splat and returns the nearest one in its place. Of splats of equal depth, the one added first counts as nearer.
 void push(inout Window w, float depth, inout StoredLight light AND(inout uint index)) {
-    // From far to near, the splat takes its place and pushes the nearer ones on.
+    // An insertion sort, from far to near: each nearer splat moves one place to the front, and the nearest leaves the window.
     [[unroll]] for (int i = PIXEL_WINDOW - 1; i >= 0; i--) {
         bool is_behind = depth >= w.depths[i];
         float pushed_depth = is_behind ? w.depths[i] : depth;

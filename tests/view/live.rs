@@ -242,7 +242,7 @@ fn a_window_whose_own_graph_has_a_mistake_is_drawn_whole_at_another_size() {
     viewer.frames(3);
     let whole = viewer.window();
     assert_eq!((whole.width, whole.height), (800, 480));
-    // Blocks of the interface, since the pixels of texts differ; without the status line, which tells the mistake.
+    // Blocks of the interface, since the pixels of texts differ; without the status line, which shows the error.
     let mean = |image: &Image, [x, y]: [usize; 2], scale: usize| {
         let rows = image.rgb.chunks(image.width).skip(y * scale).take(12 * scale);
         let pixels = rows.flat_map(|row| &row[x * scale..(x + 8) * scale]);

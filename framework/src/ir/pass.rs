@@ -200,7 +200,7 @@ pub struct Target<R = ResourceId> {
 pub struct DepthTarget<R = ResourceId> {
     /// The image, of the format [`Format::Depth32Float`](super::Format::Depth32Float).
     pub image: R,
-    /// Whether the draw clears, writes or only tests depths.
+    /// Access of the draw to the depth image: clear and write, test and write, or test.
     pub access: DepthAccess,
 }
 
